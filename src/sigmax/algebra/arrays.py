@@ -1,0 +1,95 @@
+"""Component-first arrays: a state is (n, ...), a matrix (n, k, ...), and everything behind is batch.
+
+Small products are written as broadcast multiplications and sums, so that a compiler can fuse them
+over the batch; a library call per 5 x 5 matrix would cost more than the arithmetic.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+# Filters subtract nearly equal numbers for a living: double precision is the default of the library.
+jax.config.update("jax_enable_x64", True)
+
+TWO_PI = 2.0 * np.pi
+# Above this many non-zero coefficients a static contraction is left to a matrix product.
+_UNROLLED_COEFFICIENTS = 96
+
+
+def static(coefficients: Any, like: jax.Array, axis: int = 0) -> np.ndarray:
+    """Known `coefficients`, shaped to multiply `like` along `axis` and of its type."""
+    c = np.asarray(coefficients)
+    return c.reshape((1,) * axis + c.shape + (1,) * (like.ndim - axis - c.ndim)).astype(like.dtype)
+
+
+def spread(a: jax.Array, core: int, batch: tuple[int, ...]) -> jax.Array:
+    """`a` with `core` leading axes, repeated over `batch` unless it has the batch already."""
+    if a.ndim > core or not batch:
+        return a
+    return jnp.broadcast_to(a.reshape(a.shape + (1,) * len(batch)), a.shape + batch)
+
+
+def times(M: jax.Array, v: jax.Array) -> jax.Array:
+    """M v for M (r, k, ...) and v (k, ...): (r, ...)."""
+    return (M * v[None]).sum(1)
+
+
+def product(A: jax.Array, B: jax.Array) -> jax.Array:
+    """A B for A (r, k, ...) and B (k, s, ...): (r, s, ...)."""
+    return (A[:, :, None] * B[None]).sum(1)
+
+
+def outer(A: jax.Array, B: jax.Array) -> jax.Array:
+    """A Bᵀ for A (r, k, ...) and B (s, k, ...): (r, s, ...); exactly symmetric when A is B."""
+    return (A[:, None] * B[None]).sum(2)
+
+
+def inner(A: jax.Array, B: jax.Array) -> jax.Array:
+    """Aᵀ B for A (k, r, ...) and B (k, s, ...): (r, s, ...); exactly symmetric when A is B."""
+    return (A[:, :, None] * B[:, None]).sum(0)
+
+
+def combine(A: jax.Array, coefficients: np.ndarray) -> jax.Array:
+    """A C for A (r, k, ...) and a known C (k, s): (r, s, ...), zeros of C costing nothing."""
+    k, s = coefficients.shape
+    if np.count_nonzero(coefficients) > _UNROLLED_COEFFICIENTS:
+        return jnp.moveaxis(jnp.tensordot(A, coefficients.astype(A.dtype), axes=(1, 0)), -1, 1)
+    columns = []
+    for j in range(s):
+        terms = [A[:, i] * float(coefficients[i, j]) for i in range(k) if coefficients[i, j] != 0.0]
+        columns.append(sum(terms[1:], start=terms[0]) if terms else jnp.zeros_like(A[:, 0]))
+    return jnp.stack(columns, axis=1)
+
+
+def wrap(difference: jax.Array, angular: Sequence[bool]) -> jax.Array:
+    """`difference` (m, ...) with the rows that are angles brought into [-π, π]."""
+    if not any(angular):
+        return difference
+    period = static(np.where(angular, TWO_PI, 0.0), difference)
+    turns = static(np.where(angular, 1.0 / TWO_PI, 0.0), difference)
+    return difference - period * jnp.round(difference * turns)
+
+
+def lift(
+    function: Callable[..., jax.Array], arguments: Sequence[tuple[jax.Array, int]], batched: bool
+) -> Callable[[jax.Array], jax.Array]:
+    """Let `function(x, *arguments)`, written for one x (n,), take x (n, ..., B).
+
+    Each argument is given with the number of axes it has for one member of the batch; one that has
+    the batch behind them is dealt out, one that has not is shared.
+    """
+    values = [value for value, _ in arguments]
+
+    def columns(x: jax.Array, *rest: jax.Array) -> jax.Array:
+        if x.ndim == 1:
+            return jnp.asarray(function(x, *rest)).astype(x.dtype)
+        return jax.vmap(columns, in_axes=(-1, *(None,) * len(rest)), out_axes=-1)(x, *rest)
+
+    if not batched:
+        return lambda x: columns(x, *values)
+    axes = [-1 if value.ndim > core else None for value, core in arguments]
+    dealt = jax.vmap(columns, in_axes=(-1, *axes), out_axes=-1)
+    return lambda x: dealt(x, *values)

@@ -1,0 +1,179 @@
+"""Triangular factors: lower, diagonal not negative, P = S Sᵀ. All that can fail says so.
+
+Arrays are component first (see `arrays`); loops run over rows in Python and over columns and batch
+in array operations, so that a step of a filter becomes one straight line for the compiler.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from sigmax.algebra.arrays import outer
+
+
+class Diagonal(NamedTuple):
+    """A diagonal matrix by its entries (n, ...): the zeros beside them are known and cost nothing."""
+
+    entries: jax.Array
+
+
+Matrix = jax.Array | Diagonal
+
+
+def dense(M: Matrix) -> jax.Array:
+    """M as an array (n, n, ...)."""
+    if not isinstance(M, Diagonal):
+        return M
+    n = M.entries.shape[0]
+    zero = jnp.zeros_like(M.entries[0])
+    return jnp.stack([jnp.stack([M.entries[i] if i == j else zero for j in range(n)]) for i in range(n)])
+
+
+def _safe_sqrt(a: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """√a with the derivative 0 where a ≤ 0, and where a > 0."""
+    positive = a > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, a, 1)), 0), positive
+
+
+def _reciprocal(a: jax.Array, where: jax.Array) -> jax.Array:
+    return jnp.where(where, 1 / jnp.where(where, a, 1), 0)
+
+
+def _lower(columns: list[jax.Array]) -> jax.Array:
+    """Columns given from the diagonal down, as one lower triangle (n, n, ...)."""
+    zero = jnp.zeros_like(columns[0][:1])
+    return jnp.stack([jnp.concatenate([zero] * j + [c]) if j else c for j, c in enumerate(columns)], axis=1)
+
+
+def cholesky(P: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Factor of a positive semidefinite P (n, n, ...), and whether it is sound (...).
+
+    A pivot within rounding of zero gives a zero column (a component known exactly, or a combination
+    of others); one that is clearly negative makes the result unsound. n³/3 multiplications.
+    """
+    n = P.shape[0]
+    rounding = 8 * n * float(jnp.finfo(P.dtype).eps)
+    variance = jnp.stack([P[i, i] for i in range(n)])
+    sound = jnp.isfinite(variance.sum(0))
+    columns = []
+    for j in range(n):
+        pivot = P[0, 0]
+        sound &= pivot >= -rounding * jnp.abs(variance[j])
+        usable = pivot > rounding * variance[j]
+        diagonal, _ = _safe_sqrt(jnp.where(usable, pivot, 0))
+        below = P[1:, 0] * _reciprocal(diagonal, usable)
+        columns.append(jnp.concatenate([diagonal[None], below]))
+        P = P[1:, 1:] - below[:, None] * below[None]
+    return _lower(columns), sound
+
+
+def tria(A: jax.Array) -> jax.Array:
+    """Lower L (r, r, ...) with L Lᵀ = A Aᵀ for A (r, k, ...), k ≥ r, by Householder reflections.
+
+    The reflection takes the sign that loses no digits and the column is turned afterwards, so that
+    the diagonal is not negative; derivatives are right also where A is triangular already.
+    """
+    columns = []
+    for _ in range(A.shape[0]):
+        row, below = A[0], A[1:]
+        squared = (row * row).sum(0)
+        norm, nonzero = _safe_sqrt(squared)
+        turn = jnp.where(row[0] >= 0, 1.0, -1.0).astype(A.dtype)
+        head = row[0] + turn * norm
+        mirror = jnp.concatenate([head[None], row[1:]])
+        weight = (below * mirror[None]).sum(1) * _reciprocal(squared + jnp.abs(row[0]) * norm, nonzero)
+        columns.append(jnp.concatenate([norm[None], turn * (weight * head - below[:, 0])]))
+        A = below[:, 1:] - weight[:, None] * mirror[None, 1:]
+    return _lower(columns)
+
+
+class Absorbed(NamedTuple):
+    """[[factor, 0], [cross, rest]], the pre-array [[L, A], [0, B]] after reflections from the right."""
+
+    factor: jax.Array
+    cross: jax.Array
+    rest: jax.Array
+
+
+def absorb(L: Matrix, A: jax.Array, B: jax.Array) -> Absorbed:
+    """Reflect A (m, k, ...) into the triangle L, carrying the rows B (n, k, ...) along.
+
+    factor factorᵀ = L Lᵀ + A Aᵀ, cross factorᵀ = B Aᵀ, and rest restᵀ = B Bᵀ − cross crossᵀ:
+    a sum of covariances, a gain and a correction in one pass of m reflections over k + 1 columns.
+    """
+    m = A.shape[0]
+    columns, crosses = [], []
+    for k in range(m):
+        pivot = L.entries[k] if isinstance(L, Diagonal) else L[k, k]
+        row, below = A[0], A[1:]
+        norm, nonzero = _safe_sqrt(pivot * pivot + (row * row).sum(0))
+        head = pivot + norm
+        scale = _reciprocal(norm * head, nonzero)
+        weight = (below * row[None]).sum(1)
+        beside = None if isinstance(L, Diagonal) else L[k + 1 :, k]
+        if beside is not None:
+            weight = weight + beside * head
+        weight = weight * scale
+        turned = weight * head if beside is None else weight * head - beside
+        columns.append(jnp.concatenate([norm[None], turned]))
+        A = below - weight[:, None] * row[None]
+        weight = (B * row[None]).sum(1) * scale
+        crosses.append(weight * head)
+        B = B - weight[:, None] * row[None]
+    return Absorbed(_lower(columns), jnp.stack(crosses, axis=1), B)
+
+
+def add(L: Matrix, A: jax.Array) -> jax.Array:
+    """Factor of L Lᵀ + A Aᵀ for a triangle L (n, n, ...) and any columns A (n, k, ...)."""
+    return absorb(L, A, A[:0]).factor if A.shape[1] else dense(L)
+
+
+def downdate(L: jax.Array, V: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Factor of L Lᵀ − V Vᵀ for V (n, q, ...), and whether it exists (...): O(n²) a column.
+
+    One hyperbolic rotation a column and row in mixed form (the J-orthogonal triangularisation).
+    Where the difference is not positive definite there is no real factor: unsound, never silent.
+    """
+    n = L.shape[0]
+    sound = jnp.ones(L.shape[2:], bool)
+    for q in range(V.shape[1]):
+        v = V[:, q]
+        columns = []
+        for k in range(n):
+            pivot, head = L[k, k], v[0]
+            squared = (pivot - head) * (pivot + head)
+            harmless = (pivot == 0) & (head == 0)
+            new, positive = _safe_sqrt(squared)
+            sound &= positive | harmless
+            cosine = jnp.where(positive, new * _reciprocal(pivot, positive), 1)
+            sine = head * _reciprocal(pivot, positive)
+            below = (L[k + 1 :, k] - sine * v[1:]) / cosine
+            columns.append(jnp.concatenate([new[None], below]))
+            v = cosine * v[1:] - sine * below
+        L = _lower(columns)
+    return L, sound
+
+
+def solve_lower(L: jax.Array, b: jax.Array) -> jax.Array:
+    """L⁻¹ b for a lower triangle L (m, m, ...) and b (m, ...) or (m, k, ...)."""
+    wide = b.ndim == L.ndim
+    rows: list[jax.Array] = []
+    for i in range(L.shape[0]):
+        rest = b[i]
+        for j in range(i):
+            entry = L[i, j][None] if wide else L[i, j]
+            rest = rest - entry * rows[j]
+        rows.append(rest / (L[i, i][None] if wide else L[i, i]))
+    return jnp.stack(rows)
+
+
+def inverse_lower(L: jax.Array) -> jax.Array:
+    """L⁻¹ of a lower triangle L (n, n, ...)."""
+    one = jnp.ones(L.shape[:1] + L.shape[2:], L.dtype)
+    return solve_lower(L, dense(Diagonal(one)))
+
+
+def square(M: Matrix) -> jax.Array:
+    """M Mᵀ, exactly symmetric."""
+    return dense(Diagonal(M.entries**2)) if isinstance(M, Diagonal) else outer(M, M)

@@ -1,0 +1,176 @@
+"""The named filters, a line each."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from sigmax.errors import InputError, unknown
+from sigmax.filters.filter import Filter
+from sigmax.forms import Form, block, covariance, information, square_root
+from sigmax.rules import (
+    Rule,
+    SigmaPoints,
+    Taylor1,
+    Taylor2,
+    cubature,
+    gauss_hermite,
+    scaled,
+    simplex,
+    unscented,
+)
+
+RuleMaker = Callable[..., Rule]
+FormMaker = Callable[..., Form]
+
+
+class Entry(NamedTuple):
+    """One line of the catalogue: two makers of rules, one of a form, and what the filter is."""
+
+    predict: RuleMaker
+    correct: RuleMaker
+    form: FormMaker
+    about: str
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The parameters of the entry with their defaults."""
+        makers = (self.predict, self.correct, self.form)
+        return {name: p.default for make in makers for name, p in inspect.signature(make).parameters.items()}
+
+
+def _taylor1() -> Rule:
+    return Taylor1()
+
+
+def _taylor2() -> Rule:
+    return Taylor2()
+
+
+def _taylor2_mean() -> Rule:
+    return Taylor2(covariance=False)
+
+
+def _unscented(
+    alpha: float | None = None, beta: float | None = None, kappa: float | None = None, w0: float | None = None
+) -> Rule:
+    given = {k: float(v) for k, v in (("alpha", alpha), ("beta", beta), ("kappa", kappa)) if v is not None}
+    if w0 is None:
+        return SigmaPoints(scaled, **given)
+    if given:
+        raise InputError(f"w0 belongs to the general transform, {', '.join(given)} to the scaled one: give one kind")
+    return SigmaPoints(unscented, w0=float(w0))
+
+
+def _cubature3() -> Rule:
+    return SigmaPoints(cubature, degree=3)
+
+
+def _cubature5() -> Rule:
+    return SigmaPoints(cubature, degree=5)
+
+
+def _simplex() -> Rule:
+    return SigmaPoints(simplex)
+
+
+def _gauss_hermite(order: int = 3) -> Rule:
+    return SigmaPoints(gauss_hermite, order=int(order))
+
+
+def _covariance() -> Form:
+    return covariance
+
+
+def _square_root() -> Form:
+    return square_root
+
+
+def _block() -> Form:
+    return block
+
+
+def _information(information: str = "exact") -> Form:
+    if information not in _INFORMATION:
+        raise unknown("kind of information form", information, _INFORMATION)
+    return _INFORMATION[information]
+
+
+_INFORMATION = information
+_T1, _T2, _T2M = _taylor1, _taylor2, _taylor2_mean
+_U, _C3, _C5, _SX, _GH = _unscented, _cubature3, _cubature5, _simplex, _gauss_hermite
+_P, _S, _B, _Y = _covariance, _square_root, _block, _information
+
+_ENTRIES: dict[str, Entry] = {
+    "KF": Entry(_T1, _T1, _P, "linear Kalman filter; refuses a model that is not linear"),
+    "EKF": Entry(_T1, _T1, _P, "extended"),
+    "UKF": Entry(_U, _U, _P, "unscented, scaled (alpha, beta, kappa) or general (w0)"),
+    "CKF": Entry(_C3, _C3, _P, "cubature of degree 3, the basic unscented transform"),
+    "SREKF": Entry(_T1, _T1, _S, "extended, square root"),
+    "SRUKF": Entry(_U, _U, _S, "unscented, square root"),
+    "SRUKFB": Entry(_U, _U, _B, "unscented, square root with block correction"),
+    "SRCKF": Entry(_C3, _C3, _S, "cubature, square root"),
+    "SRCKFB": Entry(_C3, _C3, _B, "cubature, square root with block correction"),
+    "EUKF": Entry(_T1, _U, _P, "hybrid: extended prediction, unscented correction"),
+    "ECKF": Entry(_T1, _C3, _P, "hybrid: extended prediction, cubature correction"),
+    "SREUKF": Entry(_T1, _U, _S, "hybrid unscented, square root"),
+    "SREUKFB": Entry(_T1, _U, _B, "hybrid unscented, square root with block correction"),
+    "SRECKF": Entry(_T1, _C3, _S, "hybrid cubature, square root"),
+    "SRECKFB": Entry(_T1, _C3, _B, "hybrid cubature, square root with block correction"),
+    "SREKFB": Entry(_T1, _T1, _B, "extended, square root with block correction"),
+    "HCKF": Entry(_C5, _C5, _P, "cubature of degree 5"),
+    "SRHCKF": Entry(_C5, _C5, _S, "cubature of degree 5, square root"),
+    "SRHCKFB": Entry(_C5, _C5, _B, "cubature of degree 5, square root with block correction"),
+    "SREHCKFB": Entry(_T1, _C5, _B, "hybrid of degree 5, square root with block correction"),
+    "SKF": Entry(_SX, _SX, _P, "simplex of n + 1 points"),
+    "SRSKF": Entry(_SX, _SX, _S, "simplex, square root"),
+    "SRSKFB": Entry(_SX, _SX, _B, "simplex, square root with block correction"),
+    "GHKF": Entry(_GH, _GH, _P, "Gauss–Hermite of `order` points an axis"),
+    "SRGHKF": Entry(_GH, _GH, _S, "Gauss–Hermite, square root"),
+    "SRGHKFB": Entry(_GH, _GH, _B, "Gauss–Hermite, square root with block correction"),
+    "PF": Entry(_T2, _T2, _P, "polynomial: order 2 in motion and sensor"),
+    "SRPF": Entry(_T2, _T2, _S, "polynomial, square root"),
+    "SRPFB": Entry(_T2, _T2, _B, "polynomial, square root with block correction"),
+    "SOKF": Entry(_T2M, _T2, _P, "second order: polynomial without D of the motion"),
+    "SRSOKFB": Entry(_T2M, _T2, _B, "second order, square root with block correction"),
+    "EIF": Entry(_T1, _T1, _Y, "extended, information"),
+    "UIF": Entry(_U, _U, _Y, "unscented, information"),
+    "CIF": Entry(_C3, _C3, _Y, "cubature, information"),
+    "HCIF": Entry(_C5, _C5, _Y, "cubature of degree 5, information"),
+    "PIF": Entry(_T2, _T2, _Y, "polynomial, information"),
+}
+
+
+def catalogue() -> Mapping[str, Entry]:
+    """Every named filter with its parts."""
+    return MappingProxyType(_ENTRIES)
+
+
+def names() -> tuple[str, ...]:
+    """The names of the catalogue."""
+    return tuple(_ENTRIES)
+
+
+def get(name: str, **parameters: Any) -> Filter:
+    """The filter of a name, such as `get("SRUKFB", alpha=0.45, beta=2, kappa=-2)`.
+
+    Raises:
+        InputError: for a name or a parameter that is not known, with the nearest ones that are.
+    """
+    folded = {known.casefold(): known for known in _ENTRIES}
+    if str(name).casefold() not in folded:
+        raise unknown("filter", name, _ENTRIES)
+    found = folded[str(name).casefold()]
+    entry = _ENTRIES[found]
+    for parameter in parameters:
+        if parameter not in entry.parameters:
+            takes = ", ".join(entry.parameters) or "no parameters"
+            raise InputError(f"{found} has no parameter {parameter!r}; it takes {takes}")
+
+    def make(maker: Callable[..., Any]) -> Any:
+        wanted = inspect.signature(maker).parameters
+        return maker(**{k: v for k, v in parameters.items() if k in wanted})
+
+    said = ", ".join(f"{k}={v}" for k, v in parameters.items())
+    label = f"{found}({said})" if said else found
+    return Filter(make(entry.predict), make(entry.correct), make(entry.form), label, linear=found == "KF")

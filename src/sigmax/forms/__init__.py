@@ -1,0 +1,8 @@
+"""Forms: how a filter stores its covariance and what it does with a linearisation."""
+
+from sigmax.forms.covariance import covariance
+from sigmax.forms.form import Corrected, Form, Predicted
+from sigmax.forms.information import information
+from sigmax.forms.square_root import block, square_root
+
+__all__ = ["Corrected", "Form", "Predicted", "block", "covariance", "information", "square_root"]

@@ -1,0 +1,58 @@
+"""What a form is: four functions on arrays that know nothing of models."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import jax
+
+from sigmax.algebra.factor import Matrix
+from sigmax.rules.linearization import Linearization
+
+
+class Predicted(NamedTuple):
+    """The covariance after a prediction: its factor S (n, n, ...), what the form carries, is it sound (...)."""
+
+    factor: jax.Array
+    carried: Any
+    sound: jax.Array
+
+
+class Corrected(NamedTuple):
+    """The effect of one measurement.
+
+    Attributes:
+        shift: what the correction adds to the mean (n, ...).
+        factor: S of the corrected covariance (n, n, ...).
+        carried: what the form carries beside it.
+        whitened: S_y⁻¹ ν (m, ...), of unit covariance if the filter is honest.
+        innovation_factor: S_y (m, m, ...), the factor of the innovation's covariance.
+        sound: whether the innovation's and the corrected covariance are positive definite (...).
+    """
+
+    shift: jax.Array
+    factor: jax.Array
+    carried: Any
+    whitened: jax.Array
+    innovation_factor: jax.Array
+    sound: jax.Array
+
+
+@dataclass(frozen=True)
+class Form:
+    """A way to carry a covariance from step to step.
+
+    Every half-step ends with the lower factor S of the covariance, from which rules draw their
+    points: results of sigma points depend on the root, so all forms use this one.
+
+    Attributes:
+        name: as it stands in tables.
+        start: S -> what the form carries beside S, `()` where that is nothing.
+        predict: (linearisation, factor of Q) -> Predicted.
+        correct: (S, carried, linearisation, factor of R, innovation ν) -> Corrected.
+    """
+
+    name: str
+    start: Callable[[jax.Array], Any] = field(repr=False)
+    predict: Callable[[Linearization, Matrix], Predicted] = field(repr=False)
+    correct: Callable[[jax.Array, Any, Linearization, Matrix, jax.Array], Corrected] = field(repr=False)

@@ -1,0 +1,10 @@
+"""Models: what moves, what is seen, and how uncertain both are."""
+
+from sigmax.models import motions, sensors
+from sigmax.models.derivatives import with_derivatives
+from sigmax.models.gaussian import Gaussian
+from sigmax.models.model import Model, angle
+from sigmax.models.motions import Motion
+from sigmax.models.sensors import Sensor
+
+__all__ = ["Gaussian", "Model", "Motion", "Sensor", "angle", "motions", "sensors", "with_derivatives"]

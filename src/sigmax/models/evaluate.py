@@ -1,0 +1,103 @@
+"""A model's functions and noises as the engine wants them: over columns of points and a batch."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from sigmax.algebra.arrays import lift, spread
+from sigmax.algebra.factor import Diagonal, Matrix, cholesky
+from sigmax.models.model import Model, Noise, takes
+from sigmax.rules.linearization import Function
+
+Noisy = tuple[Matrix, jax.Array]
+
+
+def moving(model: Model, dt: jax.Array, u: jax.Array | None, batched: bool) -> Function:
+    """The motion over dt () or (B,), with inputs (k,) or (k, B)."""
+    arguments = [(dt, 0)] + ([(u, 1)] if model.motion_inputs and u is not None else [])
+    return lift(model.motion, arguments, batched)
+
+
+def sensing(model: Model, sensor: str, u: jax.Array | None, batched: bool) -> Function:
+    """A sensor with inputs (k,) or (k, B)."""
+    arguments = [(u, 1)] if model.sensor_inputs[sensor] and u is not None else []
+    return lift(model.sensors[sensor], arguments, batched)
+
+
+def noise_root(Q: Noise) -> Matrix | None:
+    """The factor of a noise that is given as numbers, None for a function."""
+    if callable(Q):
+        return None
+    if isinstance(Q, Diagonal):
+        return Diagonal(_root(Q.entries))
+    return cholesky(jnp.asarray(Q))[0]
+
+
+def motion_noise(
+    model: Model, root: Matrix | None, x: jax.Array, dt: jax.Array, u: jax.Array | None
+) -> Noisy:
+    """Factor of the covariance of the motion's noise over dt, and whether it is one."""
+    batch = x.shape[1:]
+    if root is None:
+        return _factored(*_evaluated(model.Q, x, (dt, 0), u), batch)
+    elapsed = _root(dt)
+    if isinstance(root, Diagonal):
+        entries = spread(root.entries, 1, batch) * elapsed
+        return Diagonal(entries), jnp.isfinite(elapsed) & jnp.ones(batch, bool)
+    return spread(root, 2, batch) * elapsed, jnp.isfinite(elapsed) & jnp.ones(batch, bool)
+
+
+def sensor_noise(R: Noise, x: jax.Array, u: jax.Array | None, seen: jax.Array) -> Noisy:
+    """Factor of a sensor's noise; components that were not `seen` (m, ...) get a noise of their own, 1."""
+    batch = x.shape[1:]
+    if callable(R):
+        value, batched = _evaluated(R, x, None, u)
+    else:
+        value, batched = (R.entries if isinstance(R, Diagonal) else jnp.asarray(R)), 0
+    if value.ndim - batched == 1:
+        value = jnp.where(seen, spread(value, 1, batch), 1)
+    else:
+        alone = spread(jnp.eye(seen.shape[0], dtype=value.dtype), 2, batch)
+        value = jnp.where(seen[:, None] & seen[None], spread(value, 2, batch), alone)
+    return _factored(value, len(batch), batch)
+
+
+def _factored(value: jax.Array, batched: int, batch: tuple[int, ...]) -> Noisy:
+    """Factor of an evaluated noise, variances (n, ...) or a covariance (n, n, ...)."""
+    if value.ndim - batched == 1:
+        entries = spread(value, 1, batch)
+        return Diagonal(_root(entries)), (entries >= 0).all(0)
+    factor, sound = cholesky(value)
+    return spread(factor, 2, batch), jnp.broadcast_to(sound, batch)
+
+
+def _evaluated(
+    function: Callable[..., Any], x: jax.Array, dt: tuple[jax.Array, int] | None, u: jax.Array | None
+) -> tuple[jax.Array, int]:
+    """The value of a noise function with the arguments it takes, and the number of its batch axes.
+
+    What depends on the step alone is computed once for the whole batch.
+    """
+    if dt is None:
+        given = [(x, 1), (u, 1)]
+        count = takes(function, "R", (1, 2))
+    else:
+        count = takes(function, "Q", (1, 2, 3))
+        given = [dt] if count == 1 else [(x, 1), dt, (u, 1)]
+    used = [(value, core) for value, core in given[:count] if value is not None]
+    axes = [-1 if value.ndim > core else None for value, core in used]
+    values = [value for value, _ in used]
+
+    def single(*arguments: jax.Array) -> jax.Array:
+        return jnp.asarray(function(*arguments)).astype(x.dtype)
+
+    if all(axis is None for axis in axes):
+        return single(*values), 0
+    return jax.vmap(single, in_axes=axes, out_axes=-1)(*values), 1
+
+
+def _root(a: jax.Array) -> jax.Array:
+    positive = a > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, a, 1)), 0)

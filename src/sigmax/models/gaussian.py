@@ -1,0 +1,61 @@
+"""The prior."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from sigmax.errors import InputError
+from sigmax.models.checks import finite, numbers, symmetric_semidefinite
+
+
+@jax.tree_util.register_pytree_node_class
+class Gaussian:
+    """A normal distribution N(mean, cov), of one track or of a batch of them.
+
+    Args:
+        mean: (n,), or (B, n) for a batch.
+        cov: covariance (n, n), or (B, n, n); a vector of n variances stands for a diagonal matrix.
+            A variance of 0 means a component known exactly.
+
+    Raises:
+        InputError: for shapes that do not fit, NaN, or a matrix that is no covariance.
+    """
+
+    mean: Any
+    cov: Any
+
+    def __init__(self, mean: Any, cov: Any) -> None:
+        x, P = numbers("the mean", mean), numbers("the covariance", cov)
+        if x.ndim not in (1, 2) or x.shape[-1] == 0:
+            raise InputError(f"a mean has the shape (n,), or (B, n) for a batch; this one has {x.shape}")
+        n = x.shape[-1]
+        if P.shape == (n,) and n > 1 or P.shape == (1,):
+            P = jnp.diag(P) if isinstance(P, jax.Array) else P[:, None] * jnp.eye(n)
+        if P.shape[-2:] != (n, n) or P.ndim > 3 or (P.ndim == 3 and x.ndim == 2 and len(P) != len(x)):
+            raise InputError(
+                f"a mean of shape {x.shape} needs a covariance of shape {(*x.shape[:-1], n, n)} or {(n, n)}; "
+                f"this one has {P.shape}"
+            )
+        finite("the mean", x)
+        symmetric_semidefinite("the covariance", P)
+        self.mean, self.cov = x, P
+
+    @property
+    def size(self) -> int:
+        """n."""
+        return self.mean.shape[-1]
+
+    def __repr__(self) -> str:
+        return f"Gaussian(mean={self.mean!r}, cov={self.cov!r})"
+
+    def tree_flatten(self) -> tuple[tuple[Any, Any], None]:
+        """For JAX."""
+        return (self.mean, self.cov), None
+
+    @classmethod
+    def tree_unflatten(cls, _: None, children: tuple[Any, Any]) -> "Gaussian":
+        """For JAX: values pass unchecked."""
+        made = object.__new__(cls)
+        made.mean, made.cov = children
+        return made

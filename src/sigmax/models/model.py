@@ -1,0 +1,215 @@
+"""A model: motion, sensors, their noise, and which components are angles."""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from sigmax.algebra.factor import Diagonal
+from sigmax.errors import InputError
+from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
+
+Noise = jax.Array | np.ndarray | Diagonal | Callable[..., Any]
+
+
+class angle(str):
+    """The name of a component that is an angle in radians: `state=("x", "y", angle("course"))`."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return f"angle({str(self)!r})"
+
+
+@jax.tree_util.register_pytree_node_class
+class Model:
+    """What moves and what is seen. Functions are written for one state x (n,); the library batches them.
+
+    Args:
+        motion: `motion(x, dt)` or `motion(x, dt, u)` with inputs u (k,): the state dt seconds later, (n,).
+        sensor: `sensor(x)` or `sensor(x, u)`: the measurement without noise, (m,); or several
+            of them by name, `{"radar": h1, "camera": h2}`.
+        Q: noise of the motion: a covariance per second (n, n) that is multiplied by dt, n variances
+            per second, or a function `Q(dt)`, `Q(x, dt)` or `Q(x, dt, u)` that gives the covariance
+            of the whole interval.
+        R: noise of the sensor: a covariance (m, m), m variances, or a function `R(x)` or `R(x, u)`;
+            a dict by name where there are several sensors.
+        state: names of the components, `angle("…")` for those that are angles. Without it the
+            components are counted from Q.
+        measurement: the same of the measurement, a dict by name where there are several sensors.
+        domain: a function x -> x that brings a state back to where it makes sense, such as
+            `mirrored_speed`; the covariance follows its derivative.
+
+    Raises:
+        InputError: for shapes, names or matrices that do not fit.
+    """
+
+    def __init__(
+        self,
+        *,
+        motion: Callable[..., Any],
+        sensor: Callable[..., Any] | Mapping[str, Callable[..., Any]],
+        Q: Any,
+        R: Any,
+        state: Sequence[str] | None = None,
+        measurement: Sequence[str] | Mapping[str, Sequence[str]] | None = None,
+        domain: Callable[[Any], Any] | None = None,
+    ) -> None:
+        self.motion = motion
+        self.domain = domain
+        self.several = isinstance(sensor, Mapping)
+        self.sensors: dict[str, Callable[..., Any]] = dict(sensor) if isinstance(sensor, Mapping) else {"": sensor}
+        if not self.sensors:
+            raise InputError("a model needs at least one sensor; the dict given is empty")
+        for what, function in (("motion", motion), *self.sensors.items()):
+            if not callable(function):
+                raise InputError(f"{what or 'sensor'} must be a function, it is {type(function).__name__}")
+        if domain is not None and not callable(domain):
+            raise InputError(f"domain must be a function x -> x, it is {type(domain).__name__}")
+        self.motion_inputs = takes(motion, "motion", (2, 3)) == 3
+        self.sensor_inputs = {s: takes(h, s or "sensor", (1, 2)) == 2 for s, h in self.sensors.items()}
+        self.state = component_names("state", state, Q, "Q")
+        self.Q = noise("Q", Q, self.state)
+        by_name = {s: by_sensor(R, s, self.several, "R") for s in self.sensors}
+        named = {s: by_sensor(measurement, s, self.several, "measurement") for s in self.sensors}
+        self.R: dict[str, Noise] = {}
+        self.measurement: dict[str, tuple[str, ...] | None] = {}
+        for s in self.sensors:
+            label = f"R[{s!r}]" if self.several else "R"
+            self.measurement[s] = measured_names(named[s], by_name[s], label)
+            self.R[s] = noise(label, by_name[s], self.measurement[s])
+        if self.several:
+            for what, given in (("R", R), ("measurement", measurement)):
+                extra = set(given) - set(self.sensors) if isinstance(given, Mapping) else set()
+                if extra:
+                    raise InputError(f"{what} names {sorted(extra)}, the sensors are {sorted(self.sensors)}")
+
+    @property
+    def size(self) -> int:
+        """n, the number of components of the state."""
+        return len(self.state)
+
+    @property
+    def angular(self) -> tuple[bool, ...]:
+        """Which components of the state are angles."""
+        return tuple(isinstance(name, angle) for name in self.state)
+
+    def measured_angular(self, sensor: str, size: int) -> tuple[bool, ...]:
+        """Which of the `size` components of a sensor are angles."""
+        given = self.measurement[sensor]
+        return (False,) * size if given is None else tuple(isinstance(name, angle) for name in given)
+
+    def __repr__(self) -> str:
+        seen = ", ".join(s for s in self.sensors if s) or "one sensor"
+        return f"Model(state={self.state}, {seen})"
+
+    def tree_flatten(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """For JAX: noises given as numbers are data, everything else tells one model from another."""
+        kept = {k: v for k, v in vars(self).items() if k not in ("Q", "R")}
+        fixed = tuple((k, tuple(v.items()) if isinstance(v, dict) else v) for k, v in kept.items())
+        # A noise that is a function belongs to the model's identity, not to its numbers.
+        leaves = tuple(None if callable(v) else v for v in (self.Q, *self.R.values()))
+        functions = tuple(v if callable(v) else None for v in (self.Q, *self.R.values()))
+        return leaves, (fixed, functions, tuple(self.R), self.angular, tuple(self.measurement_angles()))
+
+    def measurement_angles(self) -> list[tuple[bool, ...] | None]:
+        """Which components are angles, sensor by sensor."""
+        return [None if m is None else self.measured_angular(s, len(m)) for s, m in self.measurement.items()]
+
+    @classmethod
+    def tree_unflatten(cls, aux: tuple[Any, ...], leaves: tuple[Any, ...]) -> "Model":
+        """For JAX: values pass unchecked."""
+        fixed, functions, sensors, *_ = aux
+        made = object.__new__(cls)
+        for key, value in fixed:
+            setattr(made, key, dict(value) if key in ("sensors", "sensor_inputs", "measurement") else value)
+        noises = [f if leaf is None else leaf for leaf, f in zip(leaves, functions, strict=True)]
+        made.Q, made.R = noises[0], dict(zip(sensors, noises[1:], strict=True))
+        return made
+
+
+def takes(function: Callable[..., Any], what: str, allowed: tuple[int, ...]) -> int:
+    """How many of the `allowed` numbers of positional arguments a user's function takes."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return allowed[0]
+    positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
+        return allowed[-1]
+    required = sum(p.default is p.empty for p in positional)
+    fitting = [k for k in allowed if required <= k <= len(positional)]
+    if not fitting:
+        wanted = " or ".join(map(str, allowed))
+        raise InputError(f"{what} must take {wanted} positional arguments, it takes {required}")
+    return fitting[0] if required < len(positional) else fitting[-1]
+
+
+def by_sensor(given: Any, sensor: str, several: bool, what: str) -> Any:
+    """The part of a setting that belongs to one sensor."""
+    if not several or given is None:
+        if isinstance(given, Mapping):
+            raise InputError(f"{what} is a dict, so sensor must be one too, with the same names")
+        return given
+    if not isinstance(given, Mapping):
+        raise InputError(f"with several sensors {what} must be a dict by sensor name, it is {type(given).__name__}")
+    if sensor not in given:
+        if what == "measurement":
+            return None
+        raise InputError(f"{what} has no entry for the sensor {sensor!r}; it has {sorted(given)}")
+    return given[sensor]
+
+
+def component_names(what: str, given: Sequence[str] | None, noise_given: Any, label: str) -> tuple[str, ...]:
+    """Names as a tuple, or counted from the size of a noise."""
+    if given is None:
+        if callable(noise_given):
+            raise InputError(f"{what} must name the components: {label} is a function and does not tell how many")
+        return tuple(f"{what}{i}" for i in range(np.shape(noise_given)[-1] if np.ndim(noise_given) else 1))
+    if isinstance(given, str):
+        given = (given,)
+    if not given or not all(isinstance(name, str) for name in given):
+        raise InputError(f"{what} must be names of components such as ('x', 'v'); it is {given!r}")
+    if len(set(given)) != len(given):
+        raise InputError(f"{what} names a component twice: {list(given)}")
+    return tuple(given)
+
+
+def measured_names(given: Sequence[str] | None, R: Any, label: str) -> tuple[str, ...] | None:
+    """Names of a measurement's components, or None where nothing tells how many there are."""
+    if given is None and callable(R):
+        return None
+    return component_names("measurement", given, R, label)
+
+
+def noise(label: str, given: Any, components: Sequence[str] | None) -> Noise:
+    """A noise as a function, a diagonal or a matrix.
+
+    Raises:
+        InputError: where it does not fit the components, or is no covariance.
+    """
+    if isinstance(given, Diagonal):
+        return given
+    if callable(given):
+        allowed = (1, 2, 3) if label == "Q" else (1, 2)
+        takes(given, label, allowed)
+        return given
+    value = numbers(label, given)
+    n = len(components) if components is not None else value.shape[-1]
+    if value.ndim == 0 and n == 1:
+        value = value[None]
+    if value.shape == (n,):
+        if not is_traced(value):
+            symmetric_semidefinite(label, np.diag(value))
+        return Diagonal(value)
+    if value.shape != (n, n):
+        raise InputError(
+            f"{label} must be a covariance of shape {(n, n)} or {n} variances, for {list(components or [])}; "
+            f"this one has the shape {value.shape}"
+        )
+    symmetric_semidefinite(label, value)
+    if not is_traced(value) and np.count_nonzero(value - np.diag(np.diagonal(value))) == 0:
+        return Diagonal(np.diagonal(value).copy())
+    return value

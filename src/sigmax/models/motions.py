@@ -1,0 +1,228 @@
+"""Ready-made motions: a function, the names of its state, and its noise from physical quantities."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.models.model import angle, takes
+from sigmax.models.smooth import cosc, decay, decay2, sinc
+
+
+class Motion(NamedTuple):
+    """Use as `Model(motion=m.function, state=m.state, Q=m.noise(…), …)`.
+
+    Attributes:
+        function: `motion(x, dt)` or `motion(x, dt, u)`.
+        state: names of the components, angles marked.
+        noise: gives Q from densities or standard deviations per √s, in SI units and radians.
+        inputs: names of the inputs u, empty where there are none.
+    """
+
+    function: Callable[..., jax.Array]
+    state: tuple[str, ...]
+    noise: Callable[..., Any]
+    inputs: tuple[str, ...] = ()
+
+
+def random_walk(names: Sequence[str] = ("x",)) -> Motion:
+    """Components that stay as they are but for noise: constants, slow biases, scale factors."""
+
+    def function(x: jax.Array, dt: jax.Array) -> jax.Array:
+        return x
+
+    def noise(*deviation: float) -> np.ndarray:
+        """Variances per second from standard deviations per √s, one a component or one for all."""
+        return np.broadcast_to(np.square(deviation), len(names)).copy()
+
+    return Motion(function, tuple(names), noise)
+
+
+def constant_velocity(axes: Sequence[str] = ("x", "y")) -> Motion:
+    """Positions, then velocities, driven by white acceleration of a density in m²/s³ (Bar-Shalom, 6.2.2)."""
+    return _integrators(axes, ("", "v"))
+
+
+def constant_acceleration(axes: Sequence[str] = ("x", "y")) -> Motion:
+    """Positions, velocities, accelerations, driven by white jerk of a density in m²/s⁵ (Bar-Shalom, 6.2.3)."""
+    return _integrators(axes, ("", "v", "a"))
+
+
+def _integrators(axes: Sequence[str], prefixes: Sequence[str]) -> Motion:
+    k, order = len(axes), len(prefixes)
+
+    def function(x: jax.Array, dt: jax.Array) -> jax.Array:
+        levels = [x[i * k : (i + 1) * k] for i in range(order)]
+        moved = []
+        for i in range(order):
+            higher = [levels[j] * (dt ** (j - i) / math.factorial(j - i)) for j in range(i + 1, order)]
+            moved.append(sum(higher, start=levels[i]))
+        return jnp.concatenate(moved)
+
+    def noise(density: float | Sequence[float]) -> Callable[[jax.Array], jax.Array]:
+        """Q(dt) from the density of the white noise that drives the highest derivative."""
+        by_axis = np.diag(np.broadcast_to(density, k))
+
+        def Q(dt: jax.Array) -> jax.Array:
+            powers = [[_power(dt, order, i, j) for j in range(order)] for i in range(order)]
+            return jnp.block([[p * by_axis for p in row] for row in powers])
+
+        return Q
+
+    return Motion(function, tuple(prefix + axis for prefix in prefixes for axis in axes), noise)
+
+
+def _power(dt: jax.Array, order: int, i: int, j: int) -> jax.Array:
+    exponent = 2 * order - 1 - i - j
+    return dt**exponent / (math.factorial(order - 1 - i) * math.factorial(order - 1 - j) * exponent)
+
+
+def singer(axes: Sequence[str] = ("x", "y"), tau: float = 10.0) -> Motion:
+    """Positions, velocities and accelerations that fade with the time constant tau (Singer 1970)."""
+    k = len(axes)
+
+    def function(x: jax.Array, dt: jax.Array) -> jax.Array:
+        p, v, a = x[:k], x[k : 2 * k], x[2 * k :]
+        b = dt / tau
+        return jnp.concatenate([p + v * dt + a * decay2(b) * dt**2, v + a * decay(b) * dt, a * jnp.exp(-b)])
+
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+
+    def noise(acceleration: float | Sequence[float]) -> Callable[[jax.Array], jax.Array]:
+        """Q(dt) from the standard deviation of the acceleration, m/s², one an axis or one for all.
+
+        The integral over the interval by 16 Gauss points, exact to rounding for dt up to 10 tau;
+        the printed closed form loses all digits for small dt / tau.
+        """
+        by_axis = np.diag(np.broadcast_to(np.square(acceleration), k)) * (2 / tau)
+
+        def Q(dt: jax.Array) -> jax.Array:
+            s = dt * (nodes + 1) / 2
+            response = jnp.stack([decay2(s / tau) * s**2, decay(s / tau) * s, jnp.exp(-s / tau)])
+            return jnp.kron((response * (weights * dt / 2)) @ response.T, by_axis)
+
+        return Q
+
+    return Motion(function, tuple(prefix + axis for prefix in ("", "v", "a") for axis in axes), noise)
+
+
+def coordinated_turn() -> Motion:
+    """Coordinated turn by speed, course (clockwise from north) and turn rate (Sobolev, (88)).
+
+    Written without a division, so that turn rate 0 is an ordinary point.
+    """
+
+    def function(x: jax.Array, dt: jax.Array) -> jax.Array:
+        north, east, speed, course, turn_rate = x
+        half = turn_rate * dt / 2
+        way = speed * dt * sinc(half)
+        return jnp.stack(
+            [
+                north + way * jnp.cos(course + half),
+                east + way * jnp.sin(course + half),
+                speed,
+                course + turn_rate * dt,
+                turn_rate,
+            ]
+        )
+
+    def noise(position: float, speed: float, course: float, turn_rate: float) -> np.ndarray:
+        """Variances per second from standard deviations per √s."""
+        return np.square([position, position, speed, course, turn_rate])
+
+    return Motion(function, ("north", "east", "speed", angle("course"), "turn_rate"), noise)
+
+
+def coordinated_turn_cartesian(axes: Sequence[str] = ("x", "y")) -> Motion:
+    """Coordinated turn by Cartesian velocity; the turn rate is positive from the first axis to the second."""
+    a, b = axes
+
+    def function(x: jax.Array, dt: jax.Array) -> jax.Array:
+        p, q, v, w, turn_rate = x
+        turn = turn_rate * dt
+        along, across = dt * sinc(turn), dt * cosc(turn)
+        c, s = jnp.cos(turn), jnp.sin(turn)
+        return jnp.stack(
+            [p + along * v - across * w, q + across * v + along * w, c * v - s * w, s * v + c * w, turn_rate]
+        )
+
+    def noise(acceleration: float, turn_rate: float) -> Callable[[jax.Array], jax.Array]:
+        """Q(dt) from the density of the acceleration, m²/s³, and the deviation of the turn rate per √s."""
+        straight = constant_velocity(axes).noise(acceleration)
+
+        def Q(dt: jax.Array) -> jax.Array:
+            corner = jnp.zeros((4, 1))
+            return jnp.block([[straight(dt), corner], [corner.T, jnp.reshape(turn_rate**2 * dt, (1, 1))]])
+
+        return Q
+
+    return Motion(function, (a, b, f"v{a}", f"v{b}", "turn_rate"), noise)
+
+
+def unicycle() -> Motion:
+    """A vehicle driven by odometry: inputs speed and turn rate, heading from x towards y, exact arcs."""
+
+    def function(x: jax.Array, dt: jax.Array, u: jax.Array) -> jax.Array:
+        px, py, heading = x
+        speed, turn_rate = u
+        half = turn_rate * dt / 2
+        way = speed * dt * sinc(half)
+        return jnp.stack([px + way * jnp.cos(heading + half), py + way * jnp.sin(heading + half), heading + 2 * half])
+
+    def noise(position: float, heading: float) -> np.ndarray:
+        """Variances per second from standard deviations per √s."""
+        return np.square([position, position, heading])
+
+    return Motion(function, ("x", "y", angle("heading")), noise, inputs=("speed", "turn_rate"))
+
+
+def join(first: Motion, second: Motion) -> Motion:
+    """Two independent motions as one, such as a vehicle and a scale factor of its sensor.
+
+    The noise takes the noises of the two: `join(a, b).noise(a.noise(…), b.noise(…))`. Inputs
+    belong to the first.
+    """
+    k = len(first.state)
+    driven = bool(first.inputs)
+
+    def function(x: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
+        return jnp.concatenate([first.function(x[:k], dt, *u), second.function(x[k:], dt)])
+
+    def with_inputs(x: jax.Array, dt: jax.Array, u: jax.Array) -> jax.Array:
+        return function(x, dt, u)
+
+    def without_inputs(x: jax.Array, dt: jax.Array) -> jax.Array:
+        return function(x, dt)
+
+    def noise(a: Any, b: Any) -> Any:
+        if not callable(a) and not callable(b) and np.ndim(a) == np.ndim(b) == 1:
+            return np.concatenate([a, b])
+
+        def Q(dt: jax.Array) -> jax.Array:
+            return jax.scipy.linalg.block_diag(_interval(a, dt), _interval(b, dt))
+
+        return Q
+
+    joined = with_inputs if driven else without_inputs
+    return Motion(joined, (*first.state, *second.state), noise, first.inputs)
+
+
+def _interval(Q: Any, dt: jax.Array) -> jax.Array:
+    if callable(Q):
+        takes(Q, "Q of a joined motion", (1,))
+        return Q(dt)
+    return jnp.diag(jnp.asarray(Q)) * dt if np.ndim(Q) == 1 else jnp.asarray(Q) * dt
+
+
+def mirrored_speed(speed: int, course: int) -> Callable[[jax.Array], jax.Array]:
+    """A domain for states by speed and course: a negative speed is the mirrored course."""
+
+    def domain(x: jax.Array) -> jax.Array:
+        backwards = x[speed] < 0
+        sign = jnp.where(backwards, -1.0, 1.0)
+        return x.at[speed].multiply(sign).at[course].add(jnp.where(backwards, jnp.pi, 0.0))
+
+    return domain

@@ -1,0 +1,118 @@
+"""Ready-made sensors: a function and the names of what it measures.
+
+Azimuths and bearings run from the first axis towards the second: clockwise from north for a state
+that begins (north, east), counter-clockwise from x for one that begins (x, y).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from sigmax.models.model import angle
+from sigmax.models.smooth import direction, length
+
+
+class Sensor(NamedTuple):
+    """Use as `Model(sensor=s.function, measurement=s.measurement, R=…, …)`.
+
+    Attributes:
+        function: `sensor(x)` or `sensor(x, u)`.
+        measurement: names of the components, angles marked.
+        inputs: names of the inputs u, empty where there are none.
+    """
+
+    function: Callable[..., jax.Array]
+    measurement: tuple[str, ...]
+    inputs: tuple[str, ...] = ()
+
+
+def position(at: Sequence[int] = (0, 1), names: Sequence[str] = ("x", "y")) -> Sensor:
+    """Some components of the state themselves."""
+
+    def function(x: jax.Array) -> jax.Array:
+        return jnp.stack([x[i] for i in at])
+
+    return Sensor(function, tuple(names))
+
+
+def range_only(at: Sequence[int] = (0, 1), origin: Sequence[float] | None = None, scale: int | None = None) -> Sensor:
+    """Distance to a fixed origin, or to a beacon whose position is the input u (k,).
+
+    Args:
+        at: where the position stands in the state.
+        origin: the fixed point; None takes the point from the inputs.
+        scale: where a scale factor of the range stands in the state, if there is one.
+    """
+
+    def measured(x: jax.Array, point: Sequence[float] | jax.Array) -> jax.Array:
+        distance = length(*(x[i] - point[k] for k, i in enumerate(at)))
+        return jnp.stack([distance if scale is None else x[scale] * distance])
+
+    def from_origin(x: jax.Array) -> jax.Array:
+        return measured(x, origin or (0.0,) * len(at))
+
+    def from_beacon(x: jax.Array, u: jax.Array) -> jax.Array:
+        return measured(x, u)
+
+    if origin is not None:
+        return Sensor(from_origin, ("range",))
+    return Sensor(from_beacon, ("range",), tuple(f"beacon_{'xyz'[k]}" for k in range(len(at))))
+
+
+def bearing(at: Sequence[int] = (0, 1), origin: Sequence[float] = (0.0, 0.0)) -> Sensor:
+    """Direction from a fixed origin."""
+
+    def function(x: jax.Array) -> jax.Array:
+        return jnp.stack([direction(x[at[0]] - origin[0], x[at[1]] - origin[1])])
+
+    return Sensor(function, (angle("bearing"),))
+
+
+def camera_bearing(at: Sequence[int] = (0, 1)) -> Sensor:
+    """Direction relative to the axis of a camera whose position and heading are the inputs."""
+
+    def function(x: jax.Array, u: jax.Array) -> jax.Array:
+        return jnp.stack([direction(x[at[0]] - u[0], x[at[1]] - u[1]) - u[2]])
+
+    return Sensor(function, (angle("bearing"),), ("camera_x", "camera_y", "camera_heading"))
+
+
+def range_azimuth(
+    at: Sequence[int] = (0, 1),
+    origin: Sequence[float] = (0.0, 0.0),
+    velocity: Sequence[int] | None = None,
+    polar_velocity: Sequence[int] | None = None,
+) -> Sensor:
+    """Range and azimuth, and the radial velocity where the state's velocity is told.
+
+    Args:
+        at: where the position stands in the state: two components, or three for an elevation too.
+        origin: position of the sensor.
+        velocity: where the Cartesian velocity stands, as many components as `at`.
+        polar_velocity: where speed and course stand (Sobolev, (89)); for two components only.
+    """
+    place = [*origin, *(0.0,) * (len(at) - len(origin))]
+    names: list[str] = ["range", angle("azimuth")]
+    if len(at) == 3:
+        names.append(angle("elevation"))
+    if velocity is not None or polar_velocity is not None:
+        names.append("radial_velocity")
+
+    def function(x: jax.Array) -> jax.Array:
+        d = [x[i] - place[k] for k, i in enumerate(at)]
+        distance, azimuth = length(*d), direction(d[0], d[1])
+        seen = [distance, azimuth]
+        if len(at) == 3:
+            seen.append(direction(length(d[0], d[1]), d[2]))
+        if polar_velocity is not None:
+            speed, course = (x[i] for i in polar_velocity)
+            seen.append(speed * jnp.cos(course - azimuth))
+        elif velocity is not None:
+            away = distance > 0
+            closing = sum((d[k] * x[i] for k, i in enumerate(velocity)), start=jnp.zeros_like(distance))
+            seen.append(jnp.where(away, closing / jnp.where(away, distance, 1.0), 0.0))
+        return jnp.stack(seen)
+
+    return Sensor(function, tuple(names))

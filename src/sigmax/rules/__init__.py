@@ -1,0 +1,29 @@
+"""Rules: a nonlinear function of a Gaussian replaced by its statistical linear regression."""
+
+from sigmax.rules.linearization import Linearization, Rule
+from sigmax.rules.sets import (
+    SigmaSet,
+    cubature,
+    gauss_hermite,
+    scaled,
+    sigma_set,
+    simplex,
+    unscented,
+)
+from sigmax.rules.sigma import SigmaPoints
+from sigmax.rules.taylor import Taylor1, Taylor2
+
+__all__ = [
+    "Linearization",
+    "Rule",
+    "SigmaPoints",
+    "SigmaSet",
+    "Taylor1",
+    "Taylor2",
+    "cubature",
+    "gauss_hermite",
+    "scaled",
+    "sigma_set",
+    "simplex",
+    "unscented",
+]

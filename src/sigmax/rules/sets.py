@@ -1,0 +1,182 @@
+"""Sigma sets as data: unit points and weights that replace N(0, I); each family is a function of n."""
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+_LARGEST = 20_000
+
+
+class SigmaSet(NamedTuple):
+    """Points ξ and weights w with Σw = 1, Σwξ = 0, Σwξξᵀ = I, sorted for evaluation.
+
+    Attributes:
+        pairs: (k, n), one of each pair ±ξ of a symmetric set; k = 0 where the set is not symmetric.
+        pair_weights: (k,), the weight of each of the two.
+        singles: (s, n), all the points of a set that is not symmetric.
+        single_weights: (s,).
+        centre: weight of the point 0 in the mean of a symmetric set, None where it is not evaluated.
+        centre_covariance: weight of the point 0 in covariances.
+    """
+
+    pairs: np.ndarray
+    pair_weights: np.ndarray
+    singles: np.ndarray
+    single_weights: np.ndarray
+    centre: float | None
+    centre_covariance: float
+
+    @property
+    def dimension(self) -> int:
+        """n."""
+        return self.pairs.shape[1]
+
+    @property
+    def evaluations(self) -> int:
+        """The number of points."""
+        return 2 * len(self.pairs) + len(self.singles) + (self.centre is not None)
+
+
+Family = Callable[..., SigmaSet]
+
+
+def sigma_set(
+    points: ArrayLike, weights: ArrayLike, centre_covariance: float | None = None
+) -> SigmaSet:
+    """Check a set of unit points (N, n) with weights (N,) and sort it; points of weight 0 are left out.
+
+    Args:
+        points: unit points, one a row, for N(0, I).
+        weights: their weights, negative ones allowed.
+        centre_covariance: the weight of the point 0 in covariances, if it is not its weight in the mean.
+
+    Raises:
+        ValueError: if the set does not reproduce mean 0 and covariance I to 1e-9, with what it gives.
+    """
+    xi = np.atleast_2d(np.asarray(points, float))
+    w = np.asarray(weights, float)
+    if w.shape != xi.shape[:1]:
+        raise ValueError(f"a sigma set needs one weight a point: {len(xi)} points, weights of shape {w.shape}")
+    moments = {
+        "sum of weights": (w.sum(), 1.0),
+        "mean": (w @ xi, 0.0),
+        "covariance": (np.einsum("i,ij,ik->jk", w, xi, xi), np.eye(xi.shape[1])),
+    }
+    for what, (have, want) in moments.items():
+        if not np.allclose(have, want, atol=1e-9, rtol=0):
+            raise ValueError(
+                f"a sigma set for N(0, I) must have {what} {np.asarray(want).tolist()}, "
+                f"this one has {np.round(have, 9).tolist()}; scale its points or weights"
+            )
+    at_centre = (np.abs(xi) < 1e-14).all(1)
+    centre = float(w[at_centre].sum()) if at_centre.any() else None
+    pairs, pair_weights, rest = [], [], list(np.flatnonzero(~at_centre))
+    while rest:
+        i = rest.pop(0)
+        twin = next(
+            (j for j in rest if np.allclose(xi[j], -xi[i], atol=1e-13) and np.isclose(w[j], w[i], rtol=1e-12)), None
+        )
+        if twin is None:
+            pairs = []
+            break
+        rest.remove(twin)
+        if w[i] != 0.0:
+            pairs.append(xi[i])
+            pair_weights.append(w[i])
+    n = xi.shape[1]
+    none = np.empty((0, n)), np.empty(0)
+    if not pairs:
+        if centre_covariance is not None:
+            raise ValueError("a weight of the centre in covariances needs a symmetric set")
+        return SigmaSet(*none, xi[w != 0], w[w != 0], None, 0.0)
+    for_covariance = (centre or 0.0) if centre_covariance is None else float(centre_covariance)
+    if centre == 0.0 and for_covariance == 0.0:
+        centre = None
+    return SigmaSet(np.array(pairs), np.array(pair_weights), *none, centre, for_covariance)
+
+
+def _symmetric(
+    points: np.ndarray, weights: ArrayLike, centre: float, centre_covariance: float | None = None
+) -> SigmaSet:
+    """A symmetric set from one of each pair; the centre is left out where it has no weight at all."""
+    w = np.broadcast_to(np.asarray(weights, float), len(points))
+    kept = w != 0
+    covariance = centre if centre_covariance is None else centre_covariance
+    n = points.shape[1]
+    evaluated = None if centre == 0.0 and covariance == 0.0 else centre
+    return SigmaSet(points[kept], w[kept], np.empty((0, n)), np.empty(0), evaluated, covariance)
+
+
+def unscented(n: int, w0: float = 0.0) -> SigmaSet:
+    """The general unscented transform: 2n points and a centre of weight w0 < 1; w0 = 0 is the basic one."""
+    if not w0 < 1:
+        raise ValueError(f"w0 must be below 1, it is {w0}")
+    return _symmetric(np.eye(n) * math.sqrt(n / (1 - w0)), (1 - w0) / (2 * n), w0)
+
+
+def scaled(n: int, alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> SigmaSet:
+    """The scaled unscented transform; γ² = α²(n + κ), W0 = 1 − n/γ² (+ 1 − α² + β in covariances).
+
+    The default α = 1 keeps all digits; α = 1e-3 loses four of them at an offset of 1e6.
+    """
+    squared = alpha**2 * (n + kappa)
+    if not squared > 0:
+        raise ValueError(f"alpha²(n + kappa) must be above 0; it is {squared} for n = {n}, {alpha=}, {kappa=}")
+    w0 = 1 - n / squared
+    return _symmetric(np.eye(n) * math.sqrt(squared), 1 / (2 * squared), w0, w0 + 1 - alpha**2 + beta)
+
+
+def cubature(n: int, degree: int = 3) -> SigmaSet:
+    """Spherical-radial cubature: degree 3 with 2n points, degree 5 with 2n² + 1 (Zhang et al., (7)-(9)).
+
+    The weights of degree 5 are negative on the axes for n > 4, and zero there for n = 4.
+    """
+    if degree == 3:
+        return unscented(n)
+    if degree != 5:
+        raise ValueError(f"cubature is known to degree 3 and 5, not {degree}; see gauss_hermite for more")
+    radius = math.sqrt(n + 2)
+    pairs = [(j, k) for j in range(n) for k in range(j + 1, n)]
+    plus = np.array([np.eye(n)[j] + np.eye(n)[k] for j, k in pairs]).reshape(-1, n)
+    minus = np.array([np.eye(n)[j] - np.eye(n)[k] for j, k in pairs]).reshape(-1, n)
+    points = radius * np.concatenate([plus / math.sqrt(2), minus / math.sqrt(2), np.eye(n)])
+    weights = np.r_[np.full(2 * len(pairs), 1 / (n + 2) ** 2), np.full(n, (4 - n) / (2 * (n + 2) ** 2))]
+    return _symmetric(points, weights, 2 / (n + 2))
+
+
+def simplex(n: int) -> SigmaSet:
+    """n + 1 points of equal weight, exact to degree 2; the first component takes two values only."""
+    points = np.zeros((n + 1, n))
+    for i in range(n):
+        head = n - i
+        points[head, i] = math.sqrt((n + 1) * head / (head + 1))
+        points[:head, i] = -points[head, i] / head
+    return sigma_set(points, np.full(n + 1, 1 / (n + 1)))
+
+
+def gauss_hermite(n: int, order: int = 3) -> SigmaSet:
+    """The product rule of `order` points an axis, exact to degree 2·order − 1 in each: orderⁿ points."""
+    if order < 2:
+        raise ValueError(f"Gauss–Hermite needs at least 2 points an axis, not {order}")
+    if order**n > _LARGEST:
+        raise ValueError(f"{order} points an axis are {order**n} points in {n} dimensions; take cubature degree 5")
+    x, w = np.polynomial.hermite_e.hermegauss(order)
+    x, w = (x - x[::-1]) / 2, (w + w[::-1]) / (2 * w.sum())
+    points = np.stack(np.meshgrid(*[x] * n, indexing="ij"), -1).reshape(-1, n)
+    weights = np.prod(np.stack(np.meshgrid(*[w] * n, indexing="ij"), -1), -1).ravel()
+    half = len(points) // 2
+    centre = float(weights[half]) if order % 2 else 0.0
+    return _symmetric(points[:half], weights[:half], centre)
+
+
+@lru_cache(maxsize=256)
+def unit_set(family: Family, parameters: tuple[tuple[str, Any], ...], n: int) -> SigmaSet:
+    """The set of a family in n dimensions, made once."""
+    made = family(n, **dict(parameters))
+    if made.dimension != n:
+        raise ValueError(f"the sigma set {family.__name__} has {made.dimension} dimensions, the state has {n}")
+    return made

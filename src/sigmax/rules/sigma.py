@@ -1,0 +1,122 @@
+"""Sigma-point rules: statistical linear regression over any sigma set."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.algebra.arrays import combine, static, wrap
+from sigmax.rules.linearization import Function, Linearization
+from sigmax.rules.sets import Family, SigmaSet, unit_set
+
+
+class SigmaPoints:
+    """A rule made from a family of sigma sets, a function `family(n, **parameters)`.
+
+    Two rules of the same family and parameters are equal, so a compiled filter is found again.
+    """
+
+    def __init__(self, family: Family, **parameters: Any) -> None:
+        self.family = family
+        self.parameters = tuple(sorted(parameters.items()))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SigmaPoints) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __repr__(self) -> str:
+        return f"SigmaPoints({', '.join([self.family.__name__, *(f'{k}={v!r}' for k, v in self.parameters)])})"
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return self.family, self.parameters
+
+    def points(self, n: int) -> SigmaSet:
+        """The unit set in n dimensions."""
+        return unit_set(self.family, self.parameters, n)
+
+    def __call__(
+        self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]
+    ) -> Linearization:
+        """Evaluate g at the points x̂ + S ξ and regress; angles are differences about a reference."""
+        unit = self.points(x.shape[0])
+        return (_symmetric if len(unit.pairs) else _general)(unit, g, x, S, angular)
+
+
+def _reference(
+    g: Function, x: jax.Array, first: jax.Array, angular: Sequence[bool]
+) -> jax.Array:
+    """A value near all g(points), by component: g(x̂) for angles, any of the values for the others."""
+    if not any(angular):
+        return first
+    middle = g(x)
+    return jnp.stack([middle[i] if turning else first[i] for i, turning in enumerate(angular)])
+
+
+def _symmetric(
+    unit: SigmaSet, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]
+) -> Linearization:
+    """Fold each pair: the odd part is the slope, the even part what the line misses (engine, section 1)."""
+    k, w = len(unit.pairs), unit.pair_weights
+    axes = k == unit.dimension and np.count_nonzero(unit.pairs) == k
+    spread = S * static(np.diag(unit.pairs), S, axis=1) if axes else combine(S, unit.pairs.T)
+    at = [x[:, None] + spread, x[:, None] - spread]
+    if unit.centre is not None:
+        at.append(x[:, None])
+    y = g(jnp.concatenate(at, axis=1))
+    reference = y[:, 2 * k] if unit.centre is not None else _reference(g, x, y[:, 0], angular)
+    delta = wrap(y[:, : 2 * k] - reference[:, None], angular)
+    odd, both = delta[:, :k] - delta[:, k:], delta[:, :k] + delta[:, k:]
+    shift = (both * static(w, both, axis=1)).sum(1)
+    if axes:
+        slope = odd * static(w * np.diag(unit.pairs), odd, axis=1)
+    else:
+        slope = combine(odd, w[:, None] * unit.pairs)
+    # Weights with a root: columns of what the line misses, kept where w > 0, taken away where w < 0.
+    columns = [(both - 2 * shift[:, None], w / 2)]
+    if k > unit.dimension:
+        columns.append((odd - 2 * combine(slope, unit.pairs.T), w / 2))
+    if unit.centre is not None:
+        columns.append((-shift[:, None], np.array([unit.centre_covariance])))
+    return Linearization(wrap(reference + shift, angular), slope, *_signed(columns))
+
+
+def _general(
+    unit: SigmaSet, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]
+) -> Linearization:
+    xi, w = unit.singles, unit.single_weights
+    y = g(x[:, None] + combine(S, xi.T))
+    reference = _reference(g, x, y[:, 0], angular)
+    delta = wrap(y - reference[:, None], angular)
+    shift = (delta * static(w, delta, axis=1)).sum(1)
+    slope = combine(delta, w[:, None] * xi)
+    mean = wrap(reference + shift, angular)
+    if (w < 0).any():
+        missed = delta - shift[:, None] - combine(slope, xi.T)
+        return Linearization(mean, slope, *_signed([(missed, w)]))
+    # Deviations from a straight line live in the complement of 1 and ξ: for a simplex there is none.
+    root = np.sqrt(w)
+    span, _ = np.linalg.qr(np.column_stack([root, root[:, None] * xi]), mode="complete")
+    complement = root[:, None] * span[:, unit.dimension + 1 :]
+    residual = combine(delta, complement) if complement.shape[1] else slope[:, :0]
+    return Linearization(mean, slope, residual, slope[:, :0])
+
+
+def _signed(columns: list[tuple[jax.Array, np.ndarray]]) -> tuple[jax.Array, jax.Array]:
+    kept, taken = [], []
+    for values, weights in columns:
+        for chosen, bag in ((weights > 0, kept), (weights < 0, taken)):
+            if chosen.all():
+                bag.append(values * static(np.sqrt(np.abs(weights)), values, axis=1))
+            elif chosen.any():
+                root = np.sqrt(np.abs(weights[chosen]))
+                bag.append(values[:, np.flatnonzero(chosen)] * static(root, values, axis=1))
+    empty = columns[0][0][:, :0]
+    return (
+        jnp.concatenate(kept, axis=1) if kept else empty,
+        jnp.concatenate(taken, axis=1) if taken else empty,
+    )

@@ -1,0 +1,259 @@
+"""The edge: what a user gives, checked before any long work and laid out for the engine."""
+
+import functools
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.algebra.factor import Diagonal, cholesky
+from sigmax.errors import InputError, unknown
+from sigmax.filters import Filter, get
+from sigmax.models.checks import finite, is_traced, numbers, symmetric_semidefinite
+from sigmax.models.gaussian import Gaussian
+from sigmax.models.model import Model
+
+
+class Prepared(NamedTuple):
+    """A record ready to run: time first, batch last or absent.
+
+    Attributes:
+        model: with its noises in the type of the run.
+        mean: (n,) or (n, B).
+        factor: (n, n) or (n, n, B).
+        z: by sensor, (T, m) or (T, m, B).
+        dt: (T,) or (T, B).
+        u: (T, k) or (T, k, B), or None.
+    """
+
+    model: Model
+    mean: Any
+    factor: Any
+    z: dict[str, Any]
+    dt: Any
+    u: Any
+
+
+_factor = jax.jit(cholesky)
+
+
+def as_filter(filter: Filter | str) -> Filter:
+    """A filter from its name or itself."""
+    if isinstance(filter, Filter):
+        return filter
+    if isinstance(filter, str):
+        return get(filter)
+    raise InputError(f"a filter is a name such as 'SRCKFB' or made by sigmax.get; this is {type(filter).__name__}")
+
+
+def prepare(
+    filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inputs: Any, dtype: Any
+) -> Prepared:
+    """Check everything and lay it out.
+
+    Raises:
+        InputError: for whatever does not fit, in words.
+    """
+    if not isinstance(model, Model):
+        raise InputError(f"model must be a sigmax.Model, it is {type(model).__name__}")
+    if not isinstance(prior, Gaussian):
+        raise InputError(f"prior must be a sigmax.Gaussian, it is {type(prior).__name__}")
+    if prior.size != model.size:
+        raise InputError(f"the prior has {prior.size} components, the model {model.size}: {list(model.state)}")
+    measured = _measurements(model, z)
+    steps = {s: v.shape[-2] for s, v in measured.items()}
+    T = next(iter(steps.values()))
+    if len(set(steps.values())) > 1:
+        raise InputError(f"all sensors need the same number of time steps, NaN where one did not report; got {steps}")
+    elapsed = _elapsed(dt, T)
+    u = _inputs(model, inputs, T)
+    batches = {f"z[{s!r}]" if s else "z": v.shape[0] for s, v in measured.items() if v.ndim == 3}
+    batches |= {"the prior": len(prior.mean)} if prior.mean.ndim == 2 else {}
+    batches |= {"the prior's covariance": len(prior.cov)} if prior.cov.ndim == 3 else {}
+    batches |= {"dt": len(elapsed)} if elapsed.ndim == 2 else {}
+    batches |= {"inputs": len(u)} if u is not None and u.ndim == 3 else {}
+    if len(set(batches.values())) > 1:
+        raise InputError(f"the batches differ in size: {batches}")
+    batch = next(iter(batches.values()), None)
+    dtype = jnp.dtype(dtype)
+    if dtype not in (jnp.float64, jnp.float32):
+        raise InputError(f"dtype must be float64 or float32, it is {dtype}")
+    check_functions(model, prior, elapsed, u, {s: v.shape[-1] for s, v in measured.items()})
+    if filter.linear:
+        _check_linear(model, prior, elapsed, u)
+
+    def last(a: Any, core: int) -> Any:
+        """The batch behind `core` axes, in the type of the run."""
+        a = jnp.asarray(a, dtype)
+        return jnp.moveaxis(a, 0, -1) if a.ndim > core else a
+
+    mean, factor = last(prior.mean, 1), start_factor(filter, last(prior.cov, 2))
+    if batch is not None:
+        mean = mean if mean.ndim == 2 else jnp.repeat(mean[:, None], batch, 1)
+        factor = factor if factor.ndim == 3 else jnp.repeat(factor[:, :, None], batch, 2)
+        measured = {s: v if v.ndim == 3 else jnp.repeat(jnp.asarray(v)[None], batch, 0) for s, v in measured.items()}
+    return Prepared(
+        cast(model, dtype),
+        mean,
+        factor,
+        {s: last(v, 2) for s, v in measured.items()},
+        last(elapsed, 1),
+        None if u is None else last(u, 2),
+    )
+
+
+def start_factor(filter: Filter, cov: Any) -> Any:
+    """The factor of a prior's covariance (n, n, ...)."""
+    factor, _ = _factor(cov)
+    if "information" in filter.form.name and not is_traced(factor):
+        smallest = np.einsum("ii...->i...", np.asarray(factor)).min()
+        if not smallest > 0:
+            raise InputError("an information filter needs a prior in which no component is known exactly (variance 0)")
+    return factor
+
+
+def cast(model: Model, dtype: Any) -> Model:
+    """The model with its noises in another type."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), model)
+
+
+def _measurements(model: Model, z: Any) -> dict[str, Any]:
+    if model.several != isinstance(z, Mapping):
+        wanted = f"a dict by sensor name, {sorted(model.sensors)}" if model.several else "an array (T, m) or (B, T, m)"
+        raise InputError(f"z must be {wanted}; it is {type(z).__name__}")
+    by_name: Mapping[str, Any] = z if isinstance(z, Mapping) else {"": z}
+    if not by_name:
+        raise InputError("z has no measurements: the dict is empty")
+    for s in by_name:
+        if s not in model.sensors:
+            raise unknown("sensor", s, model.sensors)
+    result = {}
+    for s in model.sensors:
+        if s not in by_name:
+            continue
+        label = f"z[{s!r}]" if s else "z"
+        value = numbers(label, by_name[s])
+        if value.ndim not in (2, 3):
+            hint = "; for a scalar measurement use z[:, None]" if value.ndim == 1 else ""
+            raise InputError(f"{label} must have the shape (T, m) or (B, T, m); it has {value.shape}{hint}")
+        names = model.measurement[s]
+        if names is not None and value.shape[-1] != len(names):
+            raise InputError(f"{label} has {value.shape[-1]} columns, the sensor {len(names)}: {list(names)}")
+        if value.shape[-2] == 0:
+            raise InputError(f"{label} has no time steps: its shape is {value.shape}")
+        result[s] = value
+    return result
+
+
+def _elapsed(dt: Any, T: int) -> Any:
+    value = numbers("dt", dt)
+    if value.ndim == 0:
+        value = jnp.full((T,), value) if is_traced(value) else np.full(T, value)
+    if value.ndim > 2 or value.shape[-1] != T:
+        raise InputError(f"dt must be a number of seconds, or one for each of the {T} steps; its shape is {value.shape}")
+    finite("dt", value)
+    if not is_traced(value) and (np.asarray(value) < 0).any():
+        place = np.argwhere(np.asarray(value) < 0)[0]
+        raise InputError(
+            f"time runs backwards at step {int(place[-1])}: dt = {np.asarray(value)[tuple(place)]}; "
+            "sort the measurements by time"
+        )
+    return value
+
+
+def _inputs(model: Model, inputs: Any, T: int) -> Any:
+    wanting = ["motion"] if model.motion_inputs else []
+    wanting += [s or "sensor" for s, takes_inputs in model.sensor_inputs.items() if takes_inputs]
+    if inputs is None:
+        if wanting:
+            raise InputError(f"{' and '.join(wanting)} take inputs u; give inputs= with the shape ({T}, k)")
+        return None
+    value = numbers("inputs", inputs)
+    if value.ndim == 1:
+        raise InputError(f"inputs must have the shape ({T}, k); for one input use inputs[:, None]")
+    if value.ndim not in (2, 3) or value.shape[-2] != T:
+        raise InputError(f"inputs must have the shape ({T}, k) or (B, {T}, k); this one has {value.shape}")
+    finite("inputs", value)
+    return value
+
+
+def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mapping[str, int]) -> None:
+    """Evaluate shapes, and the numbers of Q and R at the start where they are functions.
+
+    Raises:
+        InputError: where a function of the model gives a shape that does not fit.
+    """
+    n = model.size
+    x = jax.ShapeDtypeStruct((n,), jnp.float64)
+    second = jax.ShapeDtypeStruct((), jnp.float64)
+    given = () if u is None else (jax.ShapeDtypeStruct((u.shape[-1],), jnp.float64),)
+    _shape_of("motion", model.motion, (x, second, *given)[: 3 if model.motion_inputs else 2], n, model.state)
+    for s, size in sizes.items():
+        names = model.measurement[s] or [f"column {i}" for i in range(size)]
+        arguments = (x, *given)[: 2 if model.sensor_inputs[s] else 1]
+        _shape_of(f"sensor {s!r}" if s else "sensor", model.sensors[s], arguments, size, names)
+    if is_traced((prior, dt, u)):
+        return
+    start = jnp.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0])
+    first_dt = jnp.asarray(np.ravel(dt)[0])
+    first_u = () if u is None else (jnp.asarray(np.reshape(u, (-1, u.shape[-1]))[0]),)
+    if callable(model.Q):
+        count = _count(model.Q, "Q", (1, 2, 3))
+        _check_noise("Q", model.Q, ((first_dt,) if count == 1 else (start, first_dt, *first_u)[:count]), n)
+    for s, size in sizes.items():
+        R = model.R[s]
+        if callable(R):
+            label = f"R[{s!r}]" if s else "R"
+            _check_noise(label, R, (start, *first_u)[: _count(R, label, (1, 2))], size)
+
+
+def _count(function: Any, what: str, allowed: tuple[int, ...]) -> int:
+    from sigmax.models.model import takes
+
+    return takes(function, what, allowed)
+
+
+def _check_noise(label: str, function: Any, arguments: tuple[Any, ...], size: int) -> None:
+    value = numbers(f"{label}(…)", function(*arguments))
+    if is_traced(value):
+        return
+    if value.shape not in ((size,), (size, size)):
+        raise InputError(f"{label}(…) must give a covariance of shape {(size, size)} or {size} variances, not {value.shape}")
+    symmetric_semidefinite(f"{label}(…) at the start", np.diag(value) if value.ndim == 1 else value)
+
+
+def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, names: Any) -> None:
+    try:
+        made = jax.eval_shape(lambda *a: jnp.asarray(function(*a)), *arguments)
+    except Exception as error:
+        error.add_note(f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}")
+        raise
+    if made.shape != (size,):
+        raise InputError(f"{what} must return the {size} components {list(names)}, shape ({size},); it returns {made.shape}")
+
+
+def _check_linear(model: Model, prior: Gaussian, dt: Any, u: Any) -> None:
+    """Refuse a model whose derivative is not the same everywhere."""
+    if is_traced((prior, dt, u)):
+        return
+    n = model.size
+    rng = np.random.default_rng(0)
+    points = rng.standard_normal((2, n)) * 10
+    first_dt = float(np.ravel(dt)[0])
+    given = () if u is None else (jnp.asarray(np.reshape(u, (-1, u.shape[-1]))[0]),)
+    functions = {"motion": functools.partial(_drop, model.motion, (first_dt, *given)[: 2 if model.motion_inputs else 1])}
+    for s, h in model.sensors.items():
+        functions[f"sensor {s!r}" if s else "sensor"] = functools.partial(_drop, h, given[: model.sensor_inputs[s]])
+    for what, g in functions.items():
+        a, b = (np.asarray(jax.jacfwd(g)(jnp.asarray(p))) for p in points)
+        if not np.allclose(a, b, rtol=1e-9, atol=1e-12 * np.abs(a).max(initial=1)):
+            raise InputError(f"KF is for linear models, and {what} is not linear; take EKF or a sigma-point filter")
+
+
+def _drop(function: Any, rest: tuple[Any, ...], x: Any) -> Any:
+    return jnp.asarray(function(x, *rest))
+
+
+__all__ = ["Diagonal", "Prepared", "as_filter", "cast", "check_functions", "prepare", "start_factor"]
