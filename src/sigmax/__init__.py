@@ -1,0 +1,75 @@
+"""Nonlinear Kalman filtering for tracking and navigation: every filter a combination of a few parts.
+
+Names are loaded when they are used, so that `import sigmax` and the command line start at once.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "sigmax.errors": ("InputError",),
+    "sigmax.filters": ("Filter", "catalogue", "get", "names"),
+    "sigmax.forms": ("Form",),
+    "sigmax.models": ("Gaussian", "Model", "Motion", "Sensor", "angle", "motions", "sensors", "with_derivatives"),
+    "sigmax.rules": ("SigmaPoints", "SigmaSet", "Taylor1", "Taylor2", "sigma_set"),
+    "sigmax.running": ("Fault", "Fit", "Live", "Result", "Smoothed", "fit", "run", "smooth"),
+}
+_WHERE = {name: module for module, names in _HOME.items() for name in names}
+_MODULES = ("forms", "records", "reports", "rules")
+
+if TYPE_CHECKING:
+    from sigmax import forms, records, reports, rules
+    from sigmax.errors import InputError
+    from sigmax.filters import Filter, catalogue, get, names
+    from sigmax.forms import Form
+    from sigmax.models import Gaussian, Model, Motion, Sensor, angle, motions, sensors, with_derivatives
+    from sigmax.rules import SigmaPoints, SigmaSet, Taylor1, Taylor2, sigma_set
+    from sigmax.running import Fault, Fit, Live, Result, Smoothed, fit, run, smooth
+
+__all__ = [
+    "Fault",
+    "Filter",
+    "Fit",
+    "Form",
+    "Gaussian",
+    "InputError",
+    "Live",
+    "Model",
+    "Motion",
+    "Result",
+    "Sensor",
+    "SigmaPoints",
+    "SigmaSet",
+    "Smoothed",
+    "Taylor1",
+    "Taylor2",
+    "angle",
+    "catalogue",
+    "fit",
+    "forms",
+    "get",
+    "motions",
+    "names",
+    "records",
+    "reports",
+    "rules",
+    "run",
+    "sensors",
+    "sigma_set",
+    "smooth",
+    "with_derivatives",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _WHERE:
+        return getattr(importlib.import_module(_WHERE[name]), name)
+    if name in _MODULES:
+        return importlib.import_module(f"sigmax.{name}")
+    raise AttributeError(f"module 'sigmax' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])

@@ -12,6 +12,9 @@ def unknown(kind: str, name: object, known: Iterable[str]) -> InputError:
     """The error for a name that is not known, with the nearest ones that are."""
     names = sorted(known)
     folded = {n.casefold(): n for n in names}
-    near = difflib.get_close_matches(str(name).casefold(), folded, n=3, cutoff=0.5)
-    hint = f"did you mean {' or '.join(folded[n] for n in near)}?" if near else f"known: {', '.join(names)}"
+    asked = str(name).casefold()
+    # Letters in the wrong order are the likeliest slip; after that, the nearest spelling.
+    near = difflib.get_close_matches(asked, folded, n=4, cutoff=0.5)
+    near = sorted({*near, *(n for n in folded if sorted(n) == sorted(asked))}, key=lambda n: sorted(n) != sorted(asked))
+    hint = f"did you mean {' or '.join(folded[n] for n in near[:3])}?" if near else f"known: {', '.join(names)}"
     return InputError(f"unknown {kind} {name!r}; {hint}")

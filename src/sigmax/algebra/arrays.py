@@ -32,24 +32,29 @@ def spread(a: jax.Array, core: int, batch: tuple[int, ...]) -> jax.Array:
     return jnp.broadcast_to(a.reshape(a.shape + (1,) * len(batch)), a.shape + batch)
 
 
+def total(terms: Sequence[jax.Array]) -> jax.Array:
+    """The sum of a few arrays: written out, it fuses and vectorises where a reduction would not."""
+    return sum(terms[1:], start=terms[0])
+
+
 def times(M: jax.Array, v: jax.Array) -> jax.Array:
     """M v for M (r, k, ...) and v (k, ...): (r, ...)."""
-    return (M * v[None]).sum(1)
+    return total([M[:, k] * v[k] for k in range(M.shape[1])])
 
 
 def product(A: jax.Array, B: jax.Array) -> jax.Array:
     """A B for A (r, k, ...) and B (k, s, ...): (r, s, ...)."""
-    return (A[:, :, None] * B[None]).sum(1)
+    return total([A[:, k, None] * B[None, k] for k in range(A.shape[1])])
 
 
 def outer(A: jax.Array, B: jax.Array) -> jax.Array:
     """A Bᵀ for A (r, k, ...) and B (s, k, ...): (r, s, ...); exactly symmetric when A is B."""
-    return (A[:, None] * B[None]).sum(2)
+    return total([A[:, None, k] * B[None, :, k] for k in range(A.shape[1])])
 
 
 def inner(A: jax.Array, B: jax.Array) -> jax.Array:
     """Aᵀ B for A (k, r, ...) and B (k, s, ...): (r, s, ...); exactly symmetric when A is B."""
-    return (A[:, :, None] * B[:, None]).sum(0)
+    return total([A[k, :, None] * B[k, None] for k in range(A.shape[0])])
 
 
 def combine(A: jax.Array, coefficients: np.ndarray) -> jax.Array:

@@ -50,17 +50,20 @@ def cholesky(P: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Factor of a positive semidefinite P (n, n, ...), and whether it is sound (...).
 
     A pivot within rounding of zero gives a zero column (a component known exactly, or a combination
-    of others); one that is clearly negative makes the result unsound. n³/3 multiplications.
+    of others); one that is clearly negative makes the result unsound. Rounding in a pivot grows as
+    the pivots before it shrink: a negative one counts only beyond that. n³/3 multiplications.
     """
     n = P.shape[0]
     rounding = 8 * n * float(jnp.finfo(P.dtype).eps)
     variance = jnp.stack([P[i, i] for i in range(n)])
     sound = jnp.isfinite(variance.sum(0))
+    growth = jnp.ones_like(variance[0])
     columns = []
     for j in range(n):
         pivot = P[0, 0]
-        sound &= pivot >= -rounding * jnp.abs(variance[j])
+        sound &= pivot >= -rounding * growth * jnp.abs(variance[j])
         usable = pivot > rounding * variance[j]
+        growth = jnp.maximum(growth, jnp.where(usable, variance[j] * _reciprocal(pivot, usable), 1))
         diagonal, _ = _safe_sqrt(jnp.where(usable, pivot, 0))
         below = P[1:, 0] * _reciprocal(diagonal, usable)
         columns.append(jnp.concatenate([diagonal[None], below]))

@@ -10,9 +10,10 @@ from sigmax.rules.linearization import Linearization
 
 def spread_of(line: Linearization, noise: Matrix) -> jax.Array:
     """E Eᵀ + N Nᵀ − D Dᵀ + noise noiseᵀ: the covariance of what was linearised."""
-    P = outer(line.slope, line.slope) + square(noise)
-    if line.residual.shape[1]:
-        P = P + outer(line.residual, line.residual)
+    P = square(noise)
+    for columns in (line.slope, line.residual):
+        if columns.shape[1]:
+            P = P + outer(columns, columns)
     if line.deficit.shape[1]:
         P = P - outer(line.deficit, line.deficit)
     return P

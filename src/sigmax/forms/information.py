@@ -2,7 +2,7 @@
 
 import jax
 
-from sigmax.algebra.arrays import inner, outer, product, times
+from sigmax.algebra.arrays import inner, product, times
 from sigmax.algebra.factor import Matrix, cholesky, inverse_lower, solve_lower, square
 from sigmax.forms.covariance import spread_of
 from sigmax.forms.form import Corrected, Form, Predicted
@@ -27,8 +27,8 @@ def _predict(line: Linearization, Lq: Matrix) -> Predicted:
 
 
 def _correct(exact: bool, S: jax.Array, Y: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
-    Omega = outer(line.residual, line.residual) - outer(line.deficit, line.deficit)
-    Lw, weight_sound = cholesky(square(Lr) + Omega if exact else square(Lr))
+    unexplained = line._replace(slope=line.slope[:, :0])
+    Lw, weight_sound = cholesky(spread_of(unexplained, Lr) if exact else square(Lr))
     A = product(line.slope, inverse_lower(S))
     root = solve_lower(Lw, A)
     information = Y + inner(root, root)

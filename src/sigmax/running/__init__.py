@@ -1,0 +1,9 @@
+"""Running filters: a record or a batch in one call, live step by step, backwards, and for a fit."""
+
+from sigmax.running.fit import Fit, fit
+from sigmax.running.live import Live
+from sigmax.running.result import Fault, Result, Smoothed
+from sigmax.running.run import run
+from sigmax.running.smooth import smooth
+
+__all__ = ["Fault", "Fit", "Live", "Result", "Smoothed", "fit", "run", "smooth"]

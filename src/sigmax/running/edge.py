@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.factor import Diagonal, cholesky
+from sigmax.algebra.factor import cholesky
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter, get
 from sigmax.models.checks import finite, is_traced, numbers, symmetric_semidefinite
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
+from sigmax.models.model import Model, takes
 
 
 class Prepared(NamedTuple):
@@ -84,12 +84,7 @@ def prepare(
     if filter.linear:
         _check_linear(model, prior, elapsed, u)
 
-    def last(a: Any, core: int) -> Any:
-        """The batch behind `core` axes, in the type of the run."""
-        a = jnp.asarray(a, dtype)
-        return jnp.moveaxis(a, 0, -1) if a.ndim > core else a
-
-    mean, factor = last(prior.mean, 1), start_factor(filter, last(prior.cov, 2))
+    mean, factor = _batch_last(prior.mean, 1, dtype), start_factor(filter, _batch_last(prior.cov, 2, dtype))
     if batch is not None:
         mean = mean if mean.ndim == 2 else jnp.repeat(mean[:, None], batch, 1)
         factor = factor if factor.ndim == 3 else jnp.repeat(factor[:, :, None], batch, 2)
@@ -98,10 +93,22 @@ def prepare(
         cast(model, dtype),
         mean,
         factor,
-        {s: last(v, 2) for s, v in measured.items()},
-        last(elapsed, 1),
-        None if u is None else last(u, 2),
+        {s: _batch_last(v, 2, dtype) for s, v in measured.items()},
+        _batch_last(elapsed, 1, dtype),
+        None if u is None else _batch_last(u, 2, dtype),
     )
+
+
+def laid_out_steps(model: Model, dt: Any, inputs: Any, T: int, dtype: Any) -> tuple[Any, Any]:
+    """dt (T,) or (T, B) and inputs (T, k) or (T, k, B) of a run, checked."""
+    elapsed, u = _elapsed(dt, T), _inputs(model, inputs, T)
+    return _batch_last(elapsed, 1, dtype), None if u is None else _batch_last(u, 2, dtype)
+
+
+def _batch_last(a: Any, core: int, dtype: Any) -> Any:
+    """An array with the batch behind its `core` axes, in the type of the run."""
+    a = jnp.asarray(a, dtype)
+    return jnp.moveaxis(a, 0, -1) if a.ndim > core else a
 
 
 def start_factor(filter: Filter, cov: Any) -> Any:
@@ -200,19 +207,13 @@ def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mappi
     first_dt = jnp.asarray(np.ravel(dt)[0])
     first_u = () if u is None else (jnp.asarray(np.reshape(u, (-1, u.shape[-1]))[0]),)
     if callable(model.Q):
-        count = _count(model.Q, "Q", (1, 2, 3))
+        count = takes(model.Q, "Q", (1, 2, 3))
         _check_noise("Q", model.Q, ((first_dt,) if count == 1 else (start, first_dt, *first_u)[:count]), n)
     for s, size in sizes.items():
         R = model.R[s]
         if callable(R):
             label = f"R[{s!r}]" if s else "R"
-            _check_noise(label, R, (start, *first_u)[: _count(R, label, (1, 2))], size)
-
-
-def _count(function: Any, what: str, allowed: tuple[int, ...]) -> int:
-    from sigmax.models.model import takes
-
-    return takes(function, what, allowed)
+            _check_noise(label, R, (start, *first_u)[: takes(R, label, (1, 2))], size)
 
 
 def _check_noise(label: str, function: Any, arguments: tuple[Any, ...], size: int) -> None:
@@ -255,5 +256,3 @@ def _check_linear(model: Model, prior: Gaussian, dt: Any, u: Any) -> None:
 def _drop(function: Any, rest: tuple[Any, ...], x: Any) -> Any:
     return jnp.asarray(function(x, *rest))
 
-
-__all__ = ["Diagonal", "Prepared", "as_filter", "cast", "check_functions", "prepare", "start_factor"]

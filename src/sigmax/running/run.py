@@ -1,14 +1,18 @@
 """A whole record, or thousands of them, in one call."""
 
+import os
 from collections.abc import Collection
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from sigmax.errors import unknown
 from sigmax.filters import Filter
+from sigmax.models.checks import is_traced
 from sigmax.models.evaluate import noise_root
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
@@ -17,6 +21,7 @@ from sigmax.running.result import Layout, Result
 from sigmax.running.step import Belief, Innovation, begin, correct, predict
 
 PARTS = ("mean", "factor", "fault", "nis", "dof", "step_log_likelihood", "innovation")
+_SMALLEST_PART = 256
 
 
 def run(
@@ -56,7 +61,35 @@ def run(
         if part not in PARTS:
             raise unknown("part of a result", part, PARTS)
     ready = prepare(chosen, model, prior, z, dt, inputs, dtype)
-    return scan(chosen, frozenset(keep), *ready)
+    return _over_cores(chosen, frozenset(keep), ready)
+
+
+def _over_cores(filter: Filter, keep: frozenset[str], ready: Prepared) -> Result:
+    """A large batch in as many equal parts as there are cores: the compiler alone uses little more than one."""
+    cores = os.cpu_count() or 1
+    batch = ready.mean.shape[1] if ready.mean.ndim == 2 else 1
+    if is_traced(ready) or jax.default_backend() != "cpu" or cores == 1 or batch < cores * _SMALLEST_PART:
+        return scan(filter, keep, *ready)
+    size = -(-batch // cores)
+    # Equal parts share one compilation; the last one repeats a few tracks to be as long as the others.
+    starts = [min(i * size, batch - size) for i in range(cores)]
+    batched = Prepared(False, True, True, True, ready.dt.ndim == 2, ready.u is not None and ready.u.ndim == 3)
+
+    def part(start: int) -> Result:
+        mine = (
+            jax.tree.map(lambda a: a[..., start : start + size], value) if cut else value
+            for value, cut in zip(ready, batched, strict=True)
+        )
+        return jax.block_until_ready(scan(filter, keep, *mine))
+
+    with ThreadPoolExecutor(cores) as pool:
+        parts = list(pool.map(part, starts))
+    overlap = starts[-2] + size - starts[-1]
+
+    def joined(*pieces: Any) -> Any:
+        return np.concatenate([*pieces[:-1], np.asarray(pieces[-1])[..., overlap:]], axis=-1)
+
+    return jax.tree.map(joined, *parts)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -85,7 +118,7 @@ def scan(
             "nis": jnp.where(count > 0, nis, jnp.nan),
             "dof": count,
             "step_log_likelihood": log_likelihood,
-            "innovation": {s: (i.residual, i.factor) for s, i in told.items()},
+            "innovation": told,
         }
         return (belief, total + log_likelihood), {name: parts[name] for name in keep}
 

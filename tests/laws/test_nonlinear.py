@@ -1,0 +1,116 @@
+"""Laws of nonlinear filtering, over the whole catalogue on one model with an angle in state and sensor."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from tests.laws.problems import DT, TURNING, TURNING_PRIOR, made, scaled_gap, turning_record
+
+import sigmax
+from sigmax.forms import covariance, information
+
+TURNS = np.array([0.0, 2.9, -40.0])
+MEAN, COV = TURNING_PRIOR
+
+
+@cache
+def turned(filter):
+    """Four tracks in one run: as it is, turned by two angles, and with measurements missing."""
+    z = turning_record()
+    holes = z.copy()
+    holes[2] = np.nan
+    holes[3, 0] = holes[4, 1] = np.nan
+    records = np.array([z + [t, 0] for t in TURNS] + [holes])
+    starts = np.array([MEAN + [t, 0, 0] for t in TURNS] + [MEAN])
+    inputs = np.array([np.full((len(z), 1), t) for t in (*TURNS, 0.0)])
+    return sigmax.run(filter, TURNING, sigmax.Gaussian(starts, COV), records, dt=DT, inputs=inputs)
+
+
+def track(result, i):
+    return {"mean": result.mean[i], "cov": result.cov[i], "std": result.std[i], "nis": result.nis[i]}
+
+
+@pytest.mark.parametrize("name", sigmax.names()[1:])
+def test_turning_every_angle_turns_the_answer(name):
+    got = turned(made(name))
+    assert got.ok.all()
+    assert (np.abs(got.mean[..., 0]) <= np.pi + 1e-12).all()
+    for i, angle in enumerate(TURNS):
+        back = got.mean[i] - [angle, 0, 0] - got.mean[0]
+        back[:, 0] -= 2 * np.pi * np.round(back[:, 0] / (2 * np.pi))
+        assert np.abs(back / got.std[0]).max() < 1e-11
+        assert np.abs(got.std[i] / got.std[0] - 1).max() < 1e-11
+        assert np.allclose(got.nis[i], got.nis[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", sigmax.names()[1:])
+def test_every_form_is_the_covariance_form(name):
+    """The exact information form, both square roots and the covariance form of one pair of rules agree."""
+    filter = made(name)
+    same = sigmax.Filter(filter.predict, filter.correct, covariance)
+    off_mean, off_cov = scaled_gap(turned(filter), turned(same))
+    assert off_mean < 1e-10
+    assert off_cov < 1e-10
+
+
+def test_the_information_form_as_printed_is_overconfident():
+    """Without Ω the information counts what the straight line misses as if it were known."""
+    printed, exact = (turned(sigmax.get("CIF", information=kind)) for kind in ("paper", "exact"))
+    assert sigmax.get("CIF", information="paper").form is information["paper"]
+    assert (printed.std[0, -1] < exact.std[0, -1]).any()
+    assert scaled_gap(printed, exact)[0] > 1e-6
+
+
+@pytest.mark.parametrize(("one", "other"), [("CKF", {"alpha": 1, "beta": 0, "kappa": 0}), ("CKF", {"w0": 0})])
+def test_cubature_is_a_special_unscented_transform(one, other):
+    off_mean, off_cov = scaled_gap(turned(sigmax.get(one)), turned(sigmax.get("UKF", **other)))
+    assert off_mean < 1e-12
+    assert off_cov < 1e-12
+
+
+def test_the_general_transform_is_a_scaled_one():
+    """beta = alpha² − 1 and alpha²(n + kappa) = n / (1 − w0)."""
+    w0, alpha = 0.4, 0.8
+    kappa = 3 / (1 - w0) / alpha**2 - 3
+    scaled = sigmax.get("UKF", alpha=alpha, beta=alpha**2 - 1, kappa=kappa)
+    assert scaled_gap(turned(scaled), turned(sigmax.get("UKF", w0=w0)))[0] < 1e-12
+
+
+@pytest.mark.parametrize("name", ["EKF", "SRCKFB", "SRSKF", "UIF"])
+def test_missing_means_skipped(name):
+    """A component that is NaN adds nothing: the same filter on a sensor without it gives the same."""
+    got = turned(made(name))
+    z = turning_record()
+    model = sigmax.Model(
+        motion=TURNING.motion,
+        sensor={"first": lambda x, u: TURNING.sensors[""](x, u)[:1], "second": lambda x, u: TURNING.sensors[""](x, u)[1:]},
+        Q=TURNING.Q,
+        R={"first": TURNING.R[""][:1, :1], "second": TURNING.R[""][1:, 1:]},
+        state=TURNING.state,
+        measurement={"first": TURNING.measurement[""][:1], "second": TURNING.measurement[""][1:]},
+    )
+    first, second = z[:, :1].copy(), z[:, 1:].copy()
+    whole = z.copy()
+    whole[[0, 1, 5]] = np.nan  # where both components are seen, R couples them
+    first[[0, 1, 2, 3, 5]] = second[[0, 1, 2, 4, 5]] = np.nan
+    whole[2] = np.nan
+    whole[3, 0] = whole[4, 1] = np.nan
+    inputs = np.zeros((len(z), 1))
+    prior = sigmax.Gaussian(MEAN, COV)
+    apart = sigmax.run(made(name), model, prior, {"first": first, "second": second}, dt=DT, inputs=inputs)
+    together = sigmax.run(made(name), TURNING, prior, whole, dt=DT, inputs=inputs)
+    off_mean, off_cov = scaled_gap(apart, together)
+    assert off_mean < 1e-11
+    assert off_cov < 1e-11
+    assert np.isnan(apart.nis[0])
+    assert got.dof[3].tolist() == [2, 2, 0, 1, 1, 2]
+
+
+@pytest.mark.parametrize("name", ["EKF", "SRUKFB", "HCIF"])
+def test_a_batch_is_a_loop(name):
+    """A track alone gives what it gives in a batch, to rounding of the compiler's own sums."""
+    batch, z = turned(made(name)), turning_record()
+    alone = sigmax.run(made(name), TURNING, sigmax.Gaussian(MEAN, COV), z, dt=DT, inputs=np.zeros((len(z), 1)))
+    assert alone.mean.shape == (6, 3)
+    assert np.abs((alone.mean - batch.mean[0]) / alone.std).max() < 1e-12
+    assert alone.log_likelihood == pytest.approx(batch.log_likelihood[0], rel=1e-12)
