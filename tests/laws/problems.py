@@ -46,6 +46,7 @@ class Linear:
 
     def exact(self, z, x0=None, Q=None, R=None):
         """Means and covariances of the Kalman filter by its textbook equations in fifty digits."""
+
         def matrix(a):
             return mpmath.matrix(np.asarray(a, float).tolist())
 

@@ -3,9 +3,9 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.laws.problems import DT, linear, scaled_gap
 
 import sigmax
+from tests.laws.problems import DT, linear, scaled_gap
 
 TURN = sigmax.motions.coordinated_turn()
 RADAR = sigmax.sensors.range_azimuth(polar_velocity=(2, 3))
@@ -58,9 +58,10 @@ def test_single_precision_lives_in_square_root_form():
     stiff = p.R * 1e-9
     prior = sigmax.Gaussian(p.x0, p.P0)
     kept, lost = (
-        sigmax.run(name, p.model(Q=p.Q * 1e-7, R=stiff), prior, p.z, dt=DT, dtype="float32") for name in ("SREKFB", "EKF")
+        sigmax.run(name, p.model(Q=p.Q * 1e-7, R=stiff), prior, p.z, dt=DT, dtype="float32")
+        for name in ("SREKFB", "EKF")
     )
-    means, covs = p.exact(p.z, Q=p.Q * 1e-7, R=stiff)
+    _, covs = p.exact(p.z, Q=p.Q * 1e-7, R=stiff)
     sd = np.sqrt(np.einsum("tii->ti", covs))
     assert kept.mean.dtype == np.float32
     assert kept.ok.all()

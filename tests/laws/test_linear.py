@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from tests.laws.problems import DT, linear, made
 
 import sigmax
+from tests.laws.problems import DT, linear, made
 
 OFFSET = 1e7
 SQUARE_ROOT = [name for name in sigmax.names() if sigmax.get(name).form.name.startswith("square")]

@@ -46,7 +46,7 @@ def test_turn_rate_zero_is_an_ordinary_point(name):
     function = getattr(motions, name)().function
 
     def position(turn):
-        return function(jnp.array(START[name][:4] + [0.0]).at[4].set(turn), 2.0)[:2]
+        return function(jnp.array([*START[name][:4], 0.0]).at[4].set(turn), 2.0)[:2]
 
     for derivative in (jax.jit(jax.jacfwd(position)), jax.jit(jax.jacfwd(jax.jacfwd(position)))):
         values = [derivative(t) for t in (-1e-3, -1e-7, 0.0, 1e-12, 1e-7, 1e-3)]
@@ -78,7 +78,10 @@ def test_noise_of_integrators_is_the_integral(name, order):
     dt, density = 1.7, 0.6
     A, g = chain(order)
     want = [
-        [quad(lambda s, i=i, j=j: density * (expm(A * s) @ g @ g.T @ expm(A * s).T)[i, j], 0, dt)[0] for j in range(order)]
+        [
+            quad(lambda s, i=i, j=j: density * (expm(A * s) @ g @ g.T @ expm(A * s).T)[i, j], 0, dt)[0]
+            for j in range(order)
+        ]
         for i in range(order)
     ]
     got = getattr(motions, name)(axes=("x", "y")).noise(density)(dt)

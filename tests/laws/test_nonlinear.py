@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.laws.problems import DT, TURNING, TURNING_PRIOR, made, scaled_gap, turning_record
 
 import sigmax
 from sigmax.forms import covariance, information
+from tests.laws.problems import DT, TURNING, TURNING_PRIOR, made, scaled_gap, turning_record
 
 TURNS = np.array([0.0, 2.9, -40.0])
 MEAN, COV = TURNING_PRIOR
@@ -20,8 +20,8 @@ def turned(filter):
     holes = z.copy()
     holes[2] = np.nan
     holes[3, 0] = holes[4, 1] = np.nan
-    records = np.array([z + [t, 0] for t in TURNS] + [holes])
-    starts = np.array([MEAN + [t, 0, 0] for t in TURNS] + [MEAN])
+    records = np.array([z + np.array([t, 0]) for t in TURNS] + [holes])
+    starts = np.array([MEAN + np.array([t, 0, 0]) for t in TURNS] + [MEAN])
     inputs = np.array([np.full((len(z), 1), t) for t in (*TURNS, 0.0)])
     return sigmax.run(filter, TURNING, sigmax.Gaussian(starts, COV), records, dt=DT, inputs=inputs)
 
@@ -83,7 +83,10 @@ def test_missing_means_skipped(name):
     z = turning_record()
     model = sigmax.Model(
         motion=TURNING.motion,
-        sensor={"first": lambda x, u: TURNING.sensors[""](x, u)[:1], "second": lambda x, u: TURNING.sensors[""](x, u)[1:]},
+        sensor={
+            "first": lambda x, u: TURNING.sensors[""](x, u)[:1],
+            "second": lambda x, u: TURNING.sensors[""](x, u)[1:],
+        },
         Q=TURNING.Q,
         R={"first": TURNING.R[""][:1, :1], "second": TURNING.R[""][1:, 1:]},
         state=TURNING.state,

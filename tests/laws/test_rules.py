@@ -73,9 +73,7 @@ def random_quadratic(rng, n, m):
 
     def g(x):
         return (
-            c.reshape((m,) + (1,) * (x.ndim - 1))
-            + jnp.tensordot(B, x, 1)
-            + jnp.einsum("mij,i...,j...->m...", A, x, x)
+            c.reshape((m,) + (1,) * (x.ndim - 1)) + jnp.tensordot(B, x, 1) + jnp.einsum("mij,i...,j...->m...", A, x, x)
         )
 
     return g, c, B, A
@@ -168,7 +166,7 @@ def test_a_set_that_is_none_is_refused_with_what_it_gives(points, weights, says)
 
 
 def test_names_and_parameters_that_are_not_known_get_a_suggestion():
-    with pytest.raises(sigmax.InputError, match="did you mean.*SRCKFB"):
+    with pytest.raises(sigmax.InputError, match=r"did you mean.*SRCKFB"):
         sigmax.get("SRCKBF")
     with pytest.raises(sigmax.InputError, match="alpha, beta, kappa, w0"):
         sigmax.get("UKF", gamma=1)

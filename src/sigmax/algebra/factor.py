@@ -4,10 +4,11 @@ Arrays are component first (see `arrays`); loops run over rows in Python and ove
 in array operations, so that a step of a filter becomes one straight line for the compiler.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from sigmax.algebra.arrays import outer
 
@@ -15,7 +16,7 @@ from sigmax.algebra.arrays import outer
 class Diagonal(NamedTuple):
     """A diagonal matrix by its entries (n, ...): the zeros beside them are known and cost nothing."""
 
-    entries: jax.Array
+    entries: Any
 
 
 Matrix = jax.Array | Diagonal
@@ -54,7 +55,7 @@ def cholesky(P: jax.Array) -> tuple[jax.Array, jax.Array]:
     the pivots before it shrink: a negative one counts only beyond that. n³/3 multiplications.
     """
     n = P.shape[0]
-    rounding = 8 * n * float(jnp.finfo(P.dtype).eps)
+    rounding = 8 * n * float(np.finfo(P.dtype).eps)
     variance = jnp.stack([P[i, i] for i in range(n)])
     sound = jnp.isfinite(variance.sum(0))
     growth = jnp.ones_like(variance[0])

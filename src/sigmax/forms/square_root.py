@@ -28,9 +28,7 @@ def _predict(line: Linearization, Lq: Matrix) -> Predicted:
     return Predicted(S, (), sound)
 
 
-def _correct_twice(
-    S: jax.Array, carried: tuple[()], line: Linearization, Lr: Matrix, nu: jax.Array
-) -> Corrected:
+def _correct_twice(S: jax.Array, carried: tuple[()], line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
     """Two triangularisations: S_y = tria[E, R̃] and S⁺ = tria[S − K E, K R̃], with R̃ = tria[L_r, N]."""
     Lr, sound = _noise(line, Lr)
     Sy = add(Lr, line.slope)
@@ -41,9 +39,7 @@ def _correct_twice(
     return Corrected(times(G.swapaxes(0, 1), whitened), factor, (), whitened, Sy, sound)
 
 
-def _correct_block(
-    S: jax.Array, carried: tuple[()], line: Linearization, Lr: Matrix, nu: jax.Array
-) -> Corrected:
+def _correct_block(S: jax.Array, carried: tuple[()], line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
     """[[R̃, E], [0, S]] triangularised at once to [[S_y, 0], [K S_y, S⁺]] (engine, section 2)."""
     Lr, sound = _noise(line, Lr)
     Sy, gain, rest = absorb(Lr, line.slope, S)

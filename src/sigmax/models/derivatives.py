@@ -14,6 +14,7 @@ def with_derivatives(function: Callable[..., Any], jacobian: Callable[..., Any])
     Every rule then uses it; second derivatives are those of `jacobian`. The other arguments
     are taken as constants in derivatives.
     """
+
     @jax.custom_jvp
     def wrapped(*arguments: Any) -> jax.Array:
         return jnp.asarray(function(*arguments))

@@ -35,9 +35,7 @@ def noise_root(Q: Noise) -> Matrix | None:
     return cholesky(jnp.asarray(Q))[0]
 
 
-def motion_noise(
-    model: Model, root: Matrix | None, x: jax.Array, dt: jax.Array, u: jax.Array | None
-) -> Noisy:
+def motion_noise(model: Model, root: Matrix | None, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Noisy:
     """Factor of the covariance of the motion's noise over dt, and whether it is one."""
     batch = x.shape[1:]
     if root is None:

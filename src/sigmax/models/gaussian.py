@@ -30,7 +30,7 @@ class Gaussian:
         if x.ndim not in (1, 2) or x.shape[-1] == 0:
             raise InputError(f"a mean has the shape (n,), or (B, n) for a batch; this one has {x.shape}")
         n = x.shape[-1]
-        if P.shape == (n,) and n > 1 or P.shape == (1,):
+        if (P.shape == (n,) and n > 1) or P.shape == (1,):
             P = jnp.diag(P) if isinstance(P, jax.Array) else P[:, None] * jnp.eye(n)
         if P.shape[-2:] != (n, n) or P.ndim > 3 or (P.ndim == 3 and x.ndim == 2 and len(P) != len(x)):
             raise InputError(
@@ -43,7 +43,7 @@ class Gaussian:
 
     @property
     def size(self) -> int:
-        """n."""
+        """N."""
         return self.mean.shape[-1]
 
     def __repr__(self) -> str:

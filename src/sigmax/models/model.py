@@ -11,7 +11,7 @@ from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
 
-Noise = jax.Array | np.ndarray | Diagonal | Callable[..., Any]
+Noise = Any  # an array, a Diagonal of variances, or a function that gives either
 
 
 class angle(str):

@@ -36,7 +36,9 @@ def decay2(a: jax.Array) -> jax.Array:
     small = jnp.abs(a) < _SMALL
     safe = jnp.where(small, 1.0, a)
     b = jnp.where(small, a, 0.0)
-    series = 0.5 * (1 - b / 3 * (1 - b / 4 * (1 - b / 5 * (1 - b / 6 * (1 - b / 7 * (1 - b / 8 * (1 - b / 9 * (1 - b / 10))))))))
+    series = 0.5 * (
+        1 - b / 3 * (1 - b / 4 * (1 - b / 5 * (1 - b / 6 * (1 - b / 7 * (1 - b / 8 * (1 - b / 9 * (1 - b / 10)))))))
+    )
     return jnp.where(small, series, (jnp.expm1(-safe) + safe) / safe**2)
 
 

@@ -29,8 +29,6 @@ class Linearization(NamedTuple):
 class Rule(Protocol):
     """A hashable object that linearises g about N(x, S Sᵀ); `angular` marks the outputs that are angles."""
 
-    def __call__(
-        self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]
-    ) -> Linearization:
+    def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """Linearise g: (n, ..., B) -> (m, ..., B), given x (n, B) and S (n, n, B), B possibly absent."""
         ...

@@ -32,7 +32,7 @@ class SigmaSet(NamedTuple):
 
     @property
     def dimension(self) -> int:
-        """n."""
+        """N."""
         return self.pairs.shape[1]
 
     @property
@@ -44,9 +44,7 @@ class SigmaSet(NamedTuple):
 Family = Callable[..., SigmaSet]
 
 
-def sigma_set(
-    points: ArrayLike, weights: ArrayLike, centre_covariance: float | None = None
-) -> SigmaSet:
+def sigma_set(points: ArrayLike, weights: ArrayLike, centre_covariance: float | None = None) -> SigmaSet:
     """Check a set of unit points (N, n) with weights (N,) and sort it; points of weight 0 are left out.
 
     Args:
@@ -67,14 +65,16 @@ def sigma_set(
         "covariance": (np.einsum("i,ij,ik->jk", w, xi, xi), np.eye(xi.shape[1])),
     }
     for what, (have, want) in moments.items():
-        if not np.allclose(have, want, atol=1e-9, rtol=0):
+        if not np.allclose(np.asarray(have), np.asarray(want), atol=1e-9, rtol=0):
             raise ValueError(
                 f"a sigma set for N(0, I) must have {what} {np.asarray(want).tolist()}, "
                 f"this one has {np.round(have, 9).tolist()}; scale its points or weights"
             )
     at_centre = (np.abs(xi) < 1e-14).all(1)
     centre = float(w[at_centre].sum()) if at_centre.any() else None
-    pairs, pair_weights, rest = [], [], list(np.flatnonzero(~at_centre))
+    pairs: list[np.ndarray] = []
+    pair_weights: list[float] = []
+    rest = list(np.flatnonzero(~at_centre))
     while rest:
         i = rest.pop(0)
         twin = next(
@@ -149,7 +149,7 @@ def cubature(n: int, degree: int = 3) -> SigmaSet:
 
 
 def simplex(n: int) -> SigmaSet:
-    """n + 1 points of equal weight, exact to degree 2; the first component takes two values only."""
+    """N + 1 points of equal weight, exact to degree 2; the first component takes two values only."""
     points = np.zeros((n + 1, n))
     for i in range(n):
         head = n - i

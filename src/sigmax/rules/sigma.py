@@ -39,17 +39,13 @@ class SigmaPoints:
         """The unit set in n dimensions."""
         return unit_set(self.family, self.parameters, n)
 
-    def __call__(
-        self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]
-    ) -> Linearization:
+    def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """Evaluate g at the points x̂ + S ξ and regress; angles are differences about a reference."""
         unit = self.points(x.shape[0])
         return (_symmetric if len(unit.pairs) else _general)(unit, g, x, S, angular)
 
 
-def _reference(
-    g: Function, x: jax.Array, first: jax.Array, angular: Sequence[bool]
-) -> jax.Array:
+def _reference(g: Function, x: jax.Array, first: jax.Array, angular: Sequence[bool]) -> jax.Array:
     """A value near all g(points), by component: g(x̂) for angles, any of the values for the others."""
     if not any(angular):
         return first
@@ -57,9 +53,7 @@ def _reference(
     return jnp.stack([middle[i] if turning else first[i] for i, turning in enumerate(angular)])
 
 
-def _symmetric(
-    unit: SigmaSet, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]
-) -> Linearization:
+def _symmetric(unit: SigmaSet, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
     """Fold each pair: the odd part is the slope, the even part what the line misses (engine, section 1)."""
     k, w = len(unit.pairs), unit.pair_weights
     axes = k == unit.dimension and np.count_nonzero(unit.pairs) == k
@@ -72,10 +66,7 @@ def _symmetric(
     delta = wrap(y[:, : 2 * k] - reference[:, None], angular)
     odd, both = delta[:, :k] - delta[:, k:], delta[:, :k] + delta[:, k:]
     shift = (both * static(w, both, axis=1)).sum(1)
-    if axes:
-        slope = odd * static(w * np.diag(unit.pairs), odd, axis=1)
-    else:
-        slope = combine(odd, w[:, None] * unit.pairs)
+    slope = odd * static(w * np.diag(unit.pairs), odd, axis=1) if axes else combine(odd, w[:, None] * unit.pairs)
     # Weights with a root: columns of what the line misses, kept where w > 0, taken away where w < 0.
     columns = [(both - 2 * shift[:, None], w / 2)]
     if k > unit.dimension:
@@ -85,9 +76,7 @@ def _symmetric(
     return Linearization(wrap(reference + shift, angular), slope, *_signed(columns))
 
 
-def _general(
-    unit: SigmaSet, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]
-) -> Linearization:
+def _general(unit: SigmaSet, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
     xi, w = unit.singles, unit.single_weights
     y = g(x[:, None] + combine(S, xi.T))
     reference = _reference(g, x, y[:, 0], angular)
@@ -107,7 +96,8 @@ def _general(
 
 
 def _signed(columns: list[tuple[jax.Array, np.ndarray]]) -> tuple[jax.Array, jax.Array]:
-    kept, taken = [], []
+    kept: list[jax.Array] = []
+    taken: list[jax.Array] = []
     for values, weights in columns:
         for chosen, bag in ((weights > 0, kept), (weights < 0, taken)):
             if chosen.all():

@@ -15,9 +15,7 @@ from sigmax.rules.linearization import Function, Linearization
 class Taylor1:
     """First order: the rule of the extended Kalman filter. One evaluation and n derivatives."""
 
-    def __call__(
-        self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]
-    ) -> Linearization:
+    def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """ŷ = g(x̂), E_j = dg[s_j], nothing left over."""
         y, slope = _slope(g, x, S)
         return Linearization(wrap(y, angular), slope, slope[:, :0], slope[:, :0])
@@ -39,9 +37,7 @@ class Taylor2:
     mean: bool = True
     covariance: bool = True
 
-    def __call__(
-        self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]
-    ) -> Linearization:
+    def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """ŷ = g(x̂) + ½ Σ h_jj, E_j = dg[s_j], N = (h_ij for i < j, h_jj / √2)."""
         y, slope = _slope(g, x, S)
         n = S.shape[1]

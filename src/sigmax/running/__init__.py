@@ -2,8 +2,9 @@
 
 from sigmax.running.fit import Fit, fit
 from sigmax.running.live import Live
-from sigmax.running.result import Fault, Result, Smoothed
+from sigmax.running.result import Result, Smoothed
 from sigmax.running.run import run
 from sigmax.running.smooth import smooth
+from sigmax.running.step import Fault
 
 __all__ = ["Fault", "Fit", "Live", "Result", "Smoothed", "fit", "run", "smooth"]

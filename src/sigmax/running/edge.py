@@ -48,9 +48,7 @@ def as_filter(filter: Filter | str) -> Filter:
     raise InputError(f"a filter is a name such as 'SRCKFB' or made by sigmax.get; this is {type(filter).__name__}")
 
 
-def prepare(
-    filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inputs: Any, dtype: Any
-) -> Prepared:
+def prepare(filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inputs: Any, dtype: Any) -> Prepared:
     """Check everything and lay it out.
 
     Raises:
@@ -100,7 +98,7 @@ def prepare(
 
 
 def laid_out_steps(model: Model, dt: Any, inputs: Any, T: int, dtype: Any) -> tuple[Any, Any]:
-    """dt (T,) or (T, B) and inputs (T, k) or (T, k, B) of a run, checked."""
+    """Dt (T,) or (T, B) and inputs (T, k) or (T, k, B) of a run, checked."""
     elapsed, u = _elapsed(dt, T), _inputs(model, inputs, T)
     return _batch_last(elapsed, 1, dtype), None if u is None else _batch_last(u, 2, dtype)
 
@@ -159,7 +157,9 @@ def _elapsed(dt: Any, T: int) -> Any:
     if value.ndim == 0:
         value = jnp.full((T,), value) if is_traced(value) else np.full(T, value)
     if value.ndim > 2 or value.shape[-1] != T:
-        raise InputError(f"dt must be a number of seconds, or one for each of the {T} steps; its shape is {value.shape}")
+        raise InputError(
+            f"dt must be a number of seconds, or one for each of the {T} steps; its shape is {value.shape}"
+        )
     finite("dt", value)
     if not is_traced(value) and (np.asarray(value) < 0).any():
         place = np.argwhere(np.asarray(value) < 0)[0]
@@ -221,7 +221,9 @@ def _check_noise(label: str, function: Any, arguments: tuple[Any, ...], size: in
     if is_traced(value):
         return
     if value.shape not in ((size,), (size, size)):
-        raise InputError(f"{label}(…) must give a covariance of shape {(size, size)} or {size} variances, not {value.shape}")
+        raise InputError(
+            f"{label}(…) must give a covariance of shape {(size, size)} or {size} variances, not {value.shape}"
+        )
     symmetric_semidefinite(f"{label}(…) at the start", np.diag(value) if value.ndim == 1 else value)
 
 
@@ -229,10 +231,14 @@ def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, n
     try:
         made = jax.eval_shape(lambda *a: jnp.asarray(function(*a)), *arguments)
     except Exception as error:
-        error.add_note(f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}")
+        error.add_note(
+            f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}"
+        )
         raise
     if made.shape != (size,):
-        raise InputError(f"{what} must return the {size} components {list(names)}, shape ({size},); it returns {made.shape}")
+        raise InputError(
+            f"{what} must return the {size} components {list(names)}, shape ({size},); it returns {made.shape}"
+        )
 
 
 def _check_linear(model: Model, prior: Gaussian, dt: Any, u: Any) -> None:
@@ -244,7 +250,9 @@ def _check_linear(model: Model, prior: Gaussian, dt: Any, u: Any) -> None:
     points = rng.standard_normal((2, n)) * 10
     first_dt = float(np.ravel(dt)[0])
     given = () if u is None else (jnp.asarray(np.reshape(u, (-1, u.shape[-1]))[0]),)
-    functions = {"motion": functools.partial(_drop, model.motion, (first_dt, *given)[: 2 if model.motion_inputs else 1])}
+    functions = {
+        "motion": functools.partial(_drop, model.motion, (first_dt, *given)[: 2 if model.motion_inputs else 1])
+    }
     for s, h in model.sensors.items():
         functions[f"sensor {s!r}" if s else "sensor"] = functools.partial(_drop, h, given[: model.sensor_inputs[s]])
     for what, g in functions.items():
@@ -255,4 +263,3 @@ def _check_linear(model: Model, prior: Gaussian, dt: Any, u: Any) -> None:
 
 def _drop(function: Any, rest: tuple[Any, ...], x: Any) -> Any:
     return jnp.asarray(function(x, *rest))
-

@@ -105,14 +105,21 @@ def fit(
     if not np.isfinite(value):
         model, prior = build({k: jnp.asarray(v) for k, v in values.items()})
         faults = run(chosen, model, prior, z, dt=dt, inputs=inputs).faults(1)
-        raise InputError(f"the log-likelihood at the start is not finite ({'; '.join(faults) or value}); start elsewhere")
+        raise InputError(
+            f"the log-likelihood at the start is not finite ({'; '.join(faults) or value}); start elsewhere"
+        )
     found = optimize.minimize(evaluate, begin, jac=True, method="L-BFGS-B")
     best = outside(found.x)
     deviation = _deviations(evaluate, found.x) * unit
-    named = unravel(deviation)
+    named = unravel(jnp.asarray(deviation))
     std = {k: np.asarray(best[k] * v if k in positive else v) for k, v in named.items()}
     return Fit(
-        {k: np.asarray(v) for k, v in best.items()}, std, -float(found.fun), bool(found.success), str(found.message), evaluations
+        {k: np.asarray(v) for k, v in best.items()},
+        std,
+        -float(found.fun),
+        bool(found.success),
+        str(found.message),
+        evaluations,
     )
 
 

@@ -1,6 +1,7 @@
 """A filter at the end of a live sensor: the one object with a state."""
 
 import io
+import zipfile
 from functools import lru_cache
 from typing import Any
 
@@ -95,7 +96,7 @@ class Live:
         used = self.model.R[name] if R is None else self._noise(name, R)
         out = self._update(self._leaves, self._belief, name, value, used, self._inputs(u, "sensor", name))
         self._belief, told, self._fault = out
-        return told  # type: ignore[no-any-return]
+        return told
 
     def step(self, z: Any, dt: float, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """`predict(dt)` and `update(z)` in one compiled call."""
@@ -106,7 +107,7 @@ class Live:
         inputs = self._inputs(u, "motion", name)
         out = self._step(self._leaves, self._belief, name, self._cast(dt), value, used, inputs)
         self._belief, told, self._fault = out
-        return told  # type: ignore[no-any-return]
+        return told
 
     def save(self) -> bytes:
         """The state as bytes; `restore` gives it back bit for bit, in another process too."""
@@ -126,7 +127,7 @@ class Live:
             with np.load(io.BytesIO(saved), allow_pickle=False) as stored:
                 found = [stored[f"arr_{i}"] for i in range(len(stored.files) - 1)]
                 fault = stored["fault"]
-        except (OSError, ValueError, KeyError, EOFError) as error:
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(f"these {len(saved)} bytes are no saved state: {error}") from error
         have, want = ([(a.shape, str(a.dtype)) for a in arrays] for arrays in (found, leaves))
         if have != want:
@@ -146,12 +147,16 @@ class Live:
             raise unknown("sensor", sensor, self.model.sensors)
         value = self._cast(z)
         names = self.model.measurement[sensor]
-        wanted = (len(self.mean), ) if self._batched else ()
-        if value.ndim != 1 + self._batched or value.shape[:-1] != wanted or (
-            names is not None and value.shape[-1] != len(names)
+        wanted = (len(self.mean),) if self._batched else ()
+        if (
+            value.ndim != 1 + self._batched
+            or value.shape[:-1] != wanted
+            or (names is not None and value.shape[-1] != len(names))
         ):
             expected = (*wanted, len(names)) if names is not None else (*wanted, "m")
-            raise InputError(f"z must have the shape {expected}{f' for {list(names)}' if names else ''}; it has {value.shape}")
+            raise InputError(
+                f"z must have the shape {expected}{f' for {list(names)}' if names else ''}; it has {value.shape}"
+            )
         return sensor, value.T if self._batched else value
 
     def _noise(self, sensor: str, R: Any) -> Any:

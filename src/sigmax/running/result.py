@@ -91,7 +91,7 @@ class Smoothed:
         return [f"{w}: {fault.message}" for w, fault in zip(where, found, strict=True)]
 
     def errors(self, truth: ArrayLike) -> Any:
-        """mean − truth (…, T, n), angles in [-π, π]; truth of shape (T, n) or (…, T, n)."""
+        """Mean − truth (…, T, n), angles in [-π, π]; truth of shape (T, n) or (…, T, n)."""
         difference = self.mean - np.asarray(truth)
         period = np.where(self.layout.angular, TWO_PI, 0.0)
         return difference - period * np.round(difference / TWO_PI)
@@ -133,7 +133,7 @@ class Result(Smoothed):
 
     @property
     def innovation(self) -> Any:
-        """z − ẑ (…, T, m), angles in [-π, π], NaN where missing; a dict by sensor where there are several."""
+        """Z − ẑ (…, T, m), angles in [-π, π], NaN where missing; a dict by sensor where there are several."""
         return self._by_sensor(lambda i: self._out(i.residual, "innovation"))
 
     @property

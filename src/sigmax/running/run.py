@@ -73,12 +73,12 @@ def _over_cores(filter: Filter, keep: frozenset[str], ready: Prepared) -> Result
     size = -(-batch // cores)
     # Equal parts share one compilation; the last one repeats a few tracks to be as long as the others.
     starts = [min(i * size, batch - size) for i in range(cores)]
-    batched = Prepared(False, True, True, True, ready.dt.ndim == 2, ready.u is not None and ready.u.ndim == 3)
+    cuts = (False, True, True, True, ready.dt.ndim == 2, ready.u is not None and ready.u.ndim == 3)
 
     def part(start: int) -> Result:
         mine = (
             jax.tree.map(lambda a: a[..., start : start + size], value) if cut else value
-            for value, cut in zip(ready, batched, strict=True)
+            for value, cut in zip(ready, cuts, strict=True)
         )
         return jax.block_until_ready(scan(filter, keep, *mine))
 
@@ -108,9 +108,9 @@ def scan(
             measured = jnp.where(sound, measured, jnp.nan)
             belief, told[sensor], failed = _corrected(filter, model, sensor, belief, measured, at.u, len(z) > 1)
             fault = jnp.where(fault == 0, failed, fault)
-        count = sum(i.count for i in told.values())
+        count = sum(i.dof for i in told.values())
         log_likelihood = sum(i.log_likelihood for i in told.values())
-        nis = sum(jnp.where(i.count > 0, i.nis, 0) for i in told.values())
+        nis = sum(jnp.where(i.dof > 0, i.nis, 0) for i in told.values())
         parts = {
             "mean": belief.mean,
             "factor": belief.factor,
@@ -157,5 +157,3 @@ def _corrected(
         return belief, missing, jnp.zeros(fault.shape, fault.dtype)
 
     return jax.lax.cond(jnp.isfinite(z).any(), heard, silent, belief)
-
-

@@ -12,10 +12,10 @@ from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.evaluate import motion_noise, moving, noise_root
 from sigmax.models.model import Model
+from sigmax.rules.linearization import Linearization
 from sigmax.running.edge import as_filter, cast, laid_out_steps
 from sigmax.running.result import Result, Smoothed
 from sigmax.running.step import Fault
-from sigmax.rules.linearization import Linearization
 
 
 def smooth(filter: Filter | str, model: Model, result: Result, *, dt: Any = 1.0, inputs: Any = None) -> Smoothed:
@@ -65,9 +65,7 @@ def _scan(filter: Filter, model: Model, mean: Any, factor: Any, fault: Any, dt: 
 
     last = mean[-1], factor[-1]
     inputs = None if u is None else u[1:]
-    _, (x, S, failed) = jax.lax.scan(
-        back, last, (mean[:-1], factor[:-1], fault[1:], dt[1:], inputs), reverse=True
-    )
+    _, (x, S, failed) = jax.lax.scan(back, last, (mean[:-1], factor[:-1], fault[1:], dt[1:], inputs), reverse=True)
     none = jnp.zeros_like(fault[-1:])
     return (
         jnp.concatenate([x, last[0][None]]),

@@ -60,14 +60,14 @@ class Innovation(NamedTuple):
         factor: S_y (m, m, ...), the factor of its covariance.
         nis: νᵀ (S_y S_yᵀ)⁻¹ ν (...), over the components seen.
         log_likelihood: of the measurement (...).
-        count: number of components seen (...).
+        dof: number of components seen and used (...).
     """
 
     residual: jax.Array
     factor: jax.Array
     nis: jax.Array
     log_likelihood: jax.Array
-    count: jax.Array
+    dof: jax.Array
 
 
 def begin(filter: Filter, mean: jax.Array, factor: jax.Array) -> Belief:
@@ -129,7 +129,7 @@ def correct(
         factor=done.innovation_factor,
         nis=jnp.where(used, nis, jnp.nan),
         log_likelihood=jnp.where(used, -0.5 * (nis + count * LOG_2PI) - volume, 0),
-        count=jnp.where(used, count, 0),
+        dof=jnp.where(used, count, 0),
     )
     return _keep(used, new, belief), told, jnp.where(count > 0, fault, 0)
 
