@@ -86,8 +86,14 @@ def test_live_carries_a_batch():
     assert batch.mean.shape == (2, 3)
     assert batch.cov.shape == (2, 3, 3)
     assert batch.ok.tolist() == [True, True]
+    assert np.allclose(batch.std, np.sqrt(np.einsum("bii->bi", batch.cov)))
     alone = sigmax.run("SREKFB", p.model(), sigmax.Gaussian(p.x0, p.P0), p.z[:1], dt=DT)
     assert np.allclose(batch.mean[0], alone.mean[0])
+    expected, spread = batch.expect()
+    assert expected.shape == (2, 2)
+    told = batch.update(expected + 0.1)
+    assert np.allclose(told.residual, 0.1)
+    assert np.allclose(told.nis, np.einsum("bi,bij,bj->b", told.residual, np.linalg.inv(spread), told.residual))
 
 
 @pytest.mark.parametrize("name", ["EKF", "SRCKFB", "UIF"])

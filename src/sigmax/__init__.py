@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOME = {
+    "sigmax.algebra.arrays": ("wrap",),
     "sigmax.errors": ("InputError",),
     "sigmax.filters": ("Filter", "catalogue", "get", "names"),
     "sigmax.forms": ("Form",),
@@ -21,6 +22,7 @@ _MODULES = ("forms", "records", "reports", "rules")
 
 if TYPE_CHECKING:
     from sigmax import forms, records, reports, rules
+    from sigmax.algebra.arrays import wrap
     from sigmax.errors import InputError
     from sigmax.filters import Filter, catalogue, get, names
     from sigmax.forms import Form
@@ -60,6 +62,7 @@ __all__ = [
     "sigma_set",
     "smooth",
     "with_derivatives",
+    "wrap",
 ]
 
 

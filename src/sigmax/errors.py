@@ -15,6 +15,7 @@ def unknown(kind: str, name: object, known: Iterable[str]) -> InputError:
     asked = str(name).casefold()
     # Letters in the wrong order are the likeliest slip; after that, the nearest spelling.
     near = difflib.get_close_matches(asked, folded, n=4, cutoff=0.5)
-    near = sorted({*near, *(n for n in folded if sorted(n) == sorted(asked))}, key=lambda n: sorted(n) != sorted(asked))
+    anagrams = [n for n in folded if sorted(n) == sorted(asked)]
+    near = list(dict.fromkeys([*anagrams, *near]))
     hint = f"did you mean {' or '.join(folded[n] for n in near[:3])}?" if near else f"known: {', '.join(names)}"
     return InputError(f"unknown {kind} {name!r}; {hint}")

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import sigmax
-from tests.laws.problems import DT, linear, made
+from tests.laws.problems import DT, Linear, linear, made
 
 OFFSET = 1e7
 SQUARE_ROOT = [name for name in sigmax.names() if sigmax.get(name).form.name.startswith("square")]
@@ -98,3 +100,33 @@ def test_no_noise_of_the_motion(name):
     assert got.ok.all()
     assert off_mean < 1e-10
     assert off_cov < 1e-10
+
+
+def system_of(u):
+    return u[:9].reshape(3, 3), u[9:15].reshape(2, 3)
+
+
+RANDOM = sigmax.Model(
+    motion=lambda x, dt, u: system_of(u)[0] @ x,
+    sensor=lambda x, u: system_of(u)[1] @ x,
+    Q=lambda x, dt, u: u[15:24].reshape(3, 3) * dt,
+    R=lambda x, u: u[24:28].reshape(2, 2),
+    state=("a", "b", "c"),
+    measurement=("u", "v"),
+)
+
+
+@pytest.mark.parametrize("name", ["SREKFB", "SRUKF", "SRHCKFB"])
+@given(seed=st.integers(0, 2**32 - 1), stiffness=st.floats(-9, 2), drive=st.floats(-9, 2))
+def test_any_linear_system_in_square_root_form(name, seed, stiffness, drive):
+    """Random systems with R and Q over eleven powers of ten: the matrices are inputs, so nothing is compiled twice."""
+    p = Linear(seed=seed)
+    p.R, p.Q = p.R * 10**stiffness, p.Q * 10**drive
+    inputs = np.tile(np.concatenate([p.A.ravel(), p.H.ravel(), p.Q.ravel(), p.R.ravel()]), (len(p.z), 1))
+    # Measurements that the system could have made: exactness is counted in standard deviations.
+    z = np.cumsum(p.z, axis=0) * 10 ** (max(stiffness, drive) / 2)
+    got = sigmax.run(made(name), RANDOM, sigmax.Gaussian(p.x0, p.P0), z, dt=DT, inputs=inputs)
+    off_mean, off_cov = gap(got.mean, got.cov, p.exact(z))
+    assert got.ok.all()
+    assert off_mean < 1e-4
+    assert off_cov < 1e-4

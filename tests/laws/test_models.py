@@ -142,6 +142,17 @@ def test_length_and_direction_at_the_origin():
     assert jax.grad(direction, (0, 1))(0.0, 0.0) == (0, 0)
 
 
+def test_equal_parts_are_one_part():
+    """A compiled filter is found by its functions: making them again must not compile again."""
+    assert motions.constant_velocity(["x", "y"]) is motions.constant_velocity(("x", "y"))
+    assert sensors.range_azimuth(polar_velocity=[2, 3]) is sensors.range_azimuth(polar_velocity=[2, 3])
+    turn, radar = motions.coordinated_turn(), sensors.range_azimuth(polar_velocity=(2, 3))
+    model = sigmax.Model(motion=turn, sensor=radar, Q=turn.noise(1, 1, 1, 1), R=np.ones(3))
+    assert model.state == turn.state
+    assert model.measurement[""] == radar.measurement
+    assert model.angular == (False, False, False, True, False)
+
+
 def test_joined_motions():
     vehicle, scale = motions.unicycle(), motions.random_walk(("scale",))
     both = motions.join(vehicle, scale)

@@ -139,24 +139,28 @@ def downdate(L: jax.Array, V: jax.Array) -> tuple[jax.Array, jax.Array]:
     One hyperbolic rotation a column and row in mixed form (the J-orthogonal triangularisation).
     Where the difference is not positive definite there is no real factor: unsound, never silent.
     """
-    n = L.shape[0]
     sound = jnp.ones(L.shape[2:], bool)
-    for q in range(V.shape[1]):
-        v = V[:, q]
-        columns = []
-        for k in range(n):
-            pivot, head = L[k, k], v[0]
-            squared = (pivot - head) * (pivot + head)
-            harmless = (pivot == 0) & (head == 0)
-            new, positive = _safe_sqrt(squared)
-            sound &= positive | harmless
-            cosine = jnp.where(positive, new * _reciprocal(pivot, positive), 1)
-            sine = head * _reciprocal(pivot, positive)
-            below = (L[k + 1 :, k] - sine * v[1:]) / cosine
-            columns.append(jnp.concatenate([new[None], below]))
-            v = cosine * v[1:] - sine * below
-        L = _lower(columns)
-    return L, sound
+    if V.shape[1] == 1:
+        return _downdated((L, sound), V[:, 0])[0]
+    # One column's code for all of them: written out, ten columns would take a compiler a minute.
+    return jax.lax.scan(_downdated, (L, sound), jnp.moveaxis(V, 1, 0))[0]
+
+
+def _downdated(given: tuple[jax.Array, jax.Array], v: jax.Array) -> tuple[tuple[jax.Array, jax.Array], None]:
+    L, sound = given
+    columns = []
+    for k in range(L.shape[0]):
+        pivot, head = L[k, k], v[0]
+        squared = (pivot - head) * (pivot + head)
+        harmless = (pivot == 0) & (head == 0)
+        new, positive = _safe_sqrt(squared)
+        sound &= positive | harmless
+        cosine = jnp.where(positive, new * _reciprocal(pivot, positive), 1)
+        sine = head * _reciprocal(pivot, positive)
+        below = (L[k + 1 :, k] - sine * v[1:]) / cosine
+        columns.append(jnp.concatenate([new[None], below]))
+        v = cosine * v[1:] - sine * below
+    return (_lower(columns), sound), None
 
 
 def solve_lower(L: jax.Array, b: jax.Array) -> jax.Array:

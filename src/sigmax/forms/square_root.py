@@ -40,7 +40,7 @@ def _correct_twice(S: jax.Array, carried: tuple[()], line: Linearization, Lr: Ma
 
 
 def _correct_block(S: jax.Array, carried: tuple[()], line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
-    """[[R̃, E], [0, S]] triangularised at once to [[S_y, 0], [K S_y, S⁺]] (engine, section 2)."""
+    """[[R̃, E], [0, S]] triangularised at once to [[S_y, 0], [K S_y, S⁺]]."""
     Lr, sound = _noise(line, Lr)
     Sy, gain, rest = absorb(Lr, line.slope, S)
     whitened = solve_lower(Sy, nu)

@@ -4,7 +4,6 @@ from sigmax.models import motions, sensors
 from sigmax.models.derivatives import with_derivatives
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, angle
-from sigmax.models.motions import Motion
-from sigmax.models.sensors import Sensor
+from sigmax.models.parts import Motion, Sensor
 
 __all__ = ["Gaussian", "Model", "Motion", "Sensor", "angle", "motions", "sensors", "with_derivatives"]

@@ -10,6 +10,7 @@ import numpy as np
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
+from sigmax.models.parts import Motion, Sensor
 
 Noise = Any  # an array, a Diagonal of variances, or a function that gives either
 
@@ -28,9 +29,10 @@ class Model:
     """What moves and what is seen. Functions are written for one state x (n,); the library batches them.
 
     Args:
-        motion: `motion(x, dt)` or `motion(x, dt, u)` with inputs u (k,): the state dt seconds later, (n,).
-        sensor: `sensor(x)` or `sensor(x, u)`: the measurement without noise, (m,); or several
-            of them by name, `{"radar": h1, "camera": h2}`.
+        motion: `motion(x, dt)` or `motion(x, dt, u)` with inputs u (k,): the state dt seconds later, (n,);
+            or a ready-made `Motion`, which names the state too.
+        sensor: `sensor(x)` or `sensor(x, u)`: the measurement without noise, (m,); or a ready-made
+            `Sensor`, which names the measurement too; or several by name, `{"radar": h1, "camera": h2}`.
         Q: noise of the motion: a covariance per second (n, n) that is multiplied by dt, n variances
             per second, or a function `Q(dt)`, `Q(x, dt)` or `Q(x, dt, u)` that gives the covariance
             of the whole interval.
@@ -49,31 +51,37 @@ class Model:
     def __init__(
         self,
         *,
-        motion: Callable[..., Any],
-        sensor: Callable[..., Any] | Mapping[str, Callable[..., Any]],
+        motion: Callable[..., Any] | Motion,
+        sensor: Callable[..., Any] | Sensor | Mapping[str, Callable[..., Any] | Sensor],
         Q: Any,
         R: Any,
         state: Sequence[str] | None = None,
         measurement: Sequence[str] | Mapping[str, Sequence[str]] | None = None,
         domain: Callable[[Any], Any] | None = None,
     ) -> None:
-        self.motion = motion
+        if isinstance(motion, Motion):
+            state = state or motion.state
+        self.motion: Callable[..., Any] = motion.function if isinstance(motion, Motion) else motion
         self.domain = domain
         self.several = isinstance(sensor, Mapping)
-        self.sensors: dict[str, Callable[..., Any]] = dict(sensor) if isinstance(sensor, Mapping) else {"": sensor}
-        if not self.sensors:
+        parts = dict(sensor) if isinstance(sensor, Mapping) else {"": sensor}
+        if not parts:
             raise InputError("a model needs at least one sensor; the dict given is empty")
-        for what, function in (("motion", motion), *self.sensors.items()):
+        self.sensors: dict[str, Callable[..., Any]] = {
+            s: part.function if isinstance(part, Sensor) else part for s, part in parts.items()
+        }
+        for what, function in (("motion", self.motion), *self.sensors.items()):
             if not callable(function):
                 raise InputError(f"{what or 'sensor'} must be a function, it is {type(function).__name__}")
         if domain is not None and not callable(domain):
             raise InputError(f"domain must be a function x -> x, it is {type(domain).__name__}")
-        self.motion_inputs = takes(motion, "motion", (2, 3)) == 3
+        self.motion_inputs = takes(self.motion, "motion", (2, 3)) == 3
         self.sensor_inputs = {s: takes(h, s or "sensor", (1, 2)) == 2 for s, h in self.sensors.items()}
         self.state = component_names("state", state, Q, "Q")
         self.Q = noise("Q", Q, self.state)
         by_name = {s: by_sensor(R, s, self.several, "R") for s in self.sensors}
         named = {s: by_sensor(measurement, s, self.several, "measurement") for s in self.sensors}
+        named |= {s: named[s] or part.measurement for s, part in parts.items() if isinstance(part, Sensor)}
         self.R: dict[str, Noise] = {}
         self.measurement: dict[str, tuple[str, ...] | None] = {}
         for s in self.sensors:

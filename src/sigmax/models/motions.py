@@ -2,32 +2,18 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from sigmax.models.model import angle, takes
+from sigmax.models.parts import Motion, made_once
 from sigmax.models.smooth import cosc, decay, decay2, sinc
 
 
-class Motion(NamedTuple):
-    """Use as `Model(motion=m.function, state=m.state, Q=m.noise(…), …)`.
-
-    Attributes:
-        function: `motion(x, dt)` or `motion(x, dt, u)`.
-        state: names of the components, angles marked.
-        noise: gives Q from densities or standard deviations per √s, in SI units and radians.
-        inputs: names of the inputs u, empty where there are none.
-    """
-
-    function: Callable[..., jax.Array]
-    state: tuple[str, ...]
-    noise: Callable[..., Any]
-    inputs: tuple[str, ...] = ()
-
-
+@made_once
 def random_walk(names: Sequence[str] = ("x",)) -> Motion:
     """Components that stay as they are but for noise: constants, slow biases, scale factors."""
 
@@ -41,11 +27,13 @@ def random_walk(names: Sequence[str] = ("x",)) -> Motion:
     return Motion(function, tuple(names), noise)
 
 
+@made_once
 def constant_velocity(axes: Sequence[str] = ("x", "y")) -> Motion:
     """Positions, then velocities, driven by white acceleration of a density in m²/s³ (Bar-Shalom, 6.2.2)."""
     return _integrators(axes, ("", "v"))
 
 
+@made_once
 def constant_acceleration(axes: Sequence[str] = ("x", "y")) -> Motion:
     """Positions, velocities, accelerations, driven by white jerk of a density in m²/s⁵ (Bar-Shalom, 6.2.3)."""
     return _integrators(axes, ("", "v", "a"))
@@ -80,6 +68,7 @@ def _power(dt: jax.Array, order: int, i: int, j: int) -> jax.Array:
     return dt**exponent / (math.factorial(order - 1 - i) * math.factorial(order - 1 - j) * exponent)
 
 
+@made_once
 def singer(axes: Sequence[str] = ("x", "y"), tau: float = 10.0) -> Motion:
     """Positions, velocities and accelerations that fade with the time constant tau (Singer 1970)."""
     k = len(axes)
@@ -109,6 +98,7 @@ def singer(axes: Sequence[str] = ("x", "y"), tau: float = 10.0) -> Motion:
     return Motion(function, tuple(prefix + axis for prefix in ("", "v", "a") for axis in axes), noise)
 
 
+@made_once
 def coordinated_turn() -> Motion:
     """Coordinated turn by speed, course (clockwise from north) and turn rate (Sobolev, (88)).
 
@@ -136,6 +126,7 @@ def coordinated_turn() -> Motion:
     return Motion(function, ("north", "east", "speed", angle("course"), "turn_rate"), noise)
 
 
+@made_once
 def coordinated_turn_cartesian(axes: Sequence[str] = ("x", "y")) -> Motion:
     """Coordinated turn by Cartesian velocity; the turn rate is positive from the first axis to the second."""
     a, b = axes
@@ -162,6 +153,7 @@ def coordinated_turn_cartesian(axes: Sequence[str] = ("x", "y")) -> Motion:
     return Motion(function, (a, b, f"v{a}", f"v{b}", "turn_rate"), noise)
 
 
+@made_once
 def unicycle() -> Motion:
     """A vehicle driven by odometry: inputs speed and turn rate, heading from x towards y, exact arcs."""
 
@@ -179,6 +171,7 @@ def unicycle() -> Motion:
     return Motion(function, ("x", "y", angle("heading")), noise, inputs=("speed", "turn_rate"))
 
 
+@made_once
 def join(first: Motion, second: Motion) -> Motion:
     """Two independent motions as one, such as a vehicle and a scale factor of its sensor.
 
@@ -217,6 +210,7 @@ def _interval(Q: Any, dt: jax.Array) -> jax.Array:
     return jnp.diag(jnp.asarray(Q)) * dt if np.ndim(Q) == 1 else jnp.asarray(Q) * dt
 
 
+@made_once
 def mirrored_speed(speed: int, course: int) -> Callable[[jax.Array], jax.Array]:
     """A domain for states by speed and course: a negative speed is the mirrored course."""
 

@@ -4,30 +4,17 @@ Azimuths and bearings run from the first axis towards the second: clockwise from
 that begins (north, east), counter-clockwise from x for one that begins (x, y).
 """
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 
 from sigmax.models.model import angle
+from sigmax.models.parts import Sensor, made_once
 from sigmax.models.smooth import direction, length
 
 
-class Sensor(NamedTuple):
-    """Use as `Model(sensor=s.function, measurement=s.measurement, R=…, …)`.
-
-    Attributes:
-        function: `sensor(x)` or `sensor(x, u)`.
-        measurement: names of the components, angles marked.
-        inputs: names of the inputs u, empty where there are none.
-    """
-
-    function: Callable[..., jax.Array]
-    measurement: tuple[str, ...]
-    inputs: tuple[str, ...] = ()
-
-
+@made_once
 def position(at: Sequence[int] = (0, 1), names: Sequence[str] = ("x", "y")) -> Sensor:
     """Some components of the state themselves."""
 
@@ -37,6 +24,7 @@ def position(at: Sequence[int] = (0, 1), names: Sequence[str] = ("x", "y")) -> S
     return Sensor(function, tuple(names))
 
 
+@made_once
 def range_only(at: Sequence[int] = (0, 1), origin: Sequence[float] | None = None, scale: int | None = None) -> Sensor:
     """Distance to a fixed origin, or to a beacon whose position is the input u (k,).
 
@@ -61,6 +49,7 @@ def range_only(at: Sequence[int] = (0, 1), origin: Sequence[float] | None = None
     return Sensor(from_beacon, ("range",), tuple(f"beacon_{'xyz'[k]}" for k in range(len(at))))
 
 
+@made_once
 def bearing(at: Sequence[int] = (0, 1), origin: Sequence[float] = (0.0, 0.0)) -> Sensor:
     """Direction from a fixed origin."""
 
@@ -70,6 +59,7 @@ def bearing(at: Sequence[int] = (0, 1), origin: Sequence[float] = (0.0, 0.0)) ->
     return Sensor(function, (angle("bearing"),))
 
 
+@made_once
 def camera_bearing(at: Sequence[int] = (0, 1)) -> Sensor:
     """Direction relative to the axis of a camera whose position and heading are the inputs."""
 
@@ -79,6 +69,7 @@ def camera_bearing(at: Sequence[int] = (0, 1)) -> Sensor:
     return Sensor(function, (angle("bearing"),), ("camera_x", "camera_y", "camera_heading"))
 
 
+@made_once
 def range_azimuth(
     at: Sequence[int] = (0, 1),
     origin: Sequence[float] = (0.0, 0.0),

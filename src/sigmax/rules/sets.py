@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sigmax.errors import InputError
+
 _LARGEST = 20_000
 
 
@@ -53,12 +55,12 @@ def sigma_set(points: ArrayLike, weights: ArrayLike, centre_covariance: float | 
         centre_covariance: the weight of the point 0 in covariances, if it is not its weight in the mean.
 
     Raises:
-        ValueError: if the set does not reproduce mean 0 and covariance I to 1e-9, with what it gives.
+        InputError: if the set does not reproduce mean 0 and covariance I to 1e-9, with what it gives.
     """
     xi = np.atleast_2d(np.asarray(points, float))
     w = np.asarray(weights, float)
     if w.shape != xi.shape[:1]:
-        raise ValueError(f"a sigma set needs one weight a point: {len(xi)} points, weights of shape {w.shape}")
+        raise InputError(f"a sigma set needs one weight a point: {len(xi)} points, weights of shape {w.shape}")
     moments = {
         "sum of weights": (w.sum(), 1.0),
         "mean": (w @ xi, 0.0),
@@ -66,7 +68,7 @@ def sigma_set(points: ArrayLike, weights: ArrayLike, centre_covariance: float | 
     }
     for what, (have, want) in moments.items():
         if not np.allclose(np.asarray(have), np.asarray(want), atol=1e-9, rtol=0):
-            raise ValueError(
+            raise InputError(
                 f"a sigma set for N(0, I) must have {what} {np.asarray(want).tolist()}, "
                 f"this one has {np.round(have, 9).tolist()}; scale its points or weights"
             )
@@ -91,7 +93,7 @@ def sigma_set(points: ArrayLike, weights: ArrayLike, centre_covariance: float | 
     none = np.empty((0, n)), np.empty(0)
     if not pairs:
         if centre_covariance is not None:
-            raise ValueError("a weight of the centre in covariances needs a symmetric set")
+            raise InputError("a weight of the centre in covariances needs a symmetric set")
         return SigmaSet(*none, xi[w != 0], w[w != 0], None, 0.0)
     for_covariance = (centre or 0.0) if centre_covariance is None else float(centre_covariance)
     if centre == 0.0 and for_covariance == 0.0:
@@ -114,7 +116,7 @@ def _symmetric(
 def unscented(n: int, w0: float = 0.0) -> SigmaSet:
     """The general unscented transform: 2n points and a centre of weight w0 < 1; w0 = 0 is the basic one."""
     if not w0 < 1:
-        raise ValueError(f"w0 must be below 1, it is {w0}")
+        raise InputError(f"w0 must be below 1, it is {w0}")
     return _symmetric(np.eye(n) * math.sqrt(n / (1 - w0)), (1 - w0) / (2 * n), w0)
 
 
@@ -125,7 +127,7 @@ def scaled(n: int, alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) ->
     """
     squared = alpha**2 * (n + kappa)
     if not squared > 0:
-        raise ValueError(f"alpha²(n + kappa) must be above 0; it is {squared} for n = {n}, {alpha=}, {kappa=}")
+        raise InputError(f"alpha²(n + kappa) must be above 0; it is {squared} for n = {n}, {alpha=}, {kappa=}")
     w0 = 1 - n / squared
     return _symmetric(np.eye(n) * math.sqrt(squared), 1 / (2 * squared), w0, w0 + 1 - alpha**2 + beta)
 
@@ -138,7 +140,7 @@ def cubature(n: int, degree: int = 3) -> SigmaSet:
     if degree == 3:
         return unscented(n)
     if degree != 5:
-        raise ValueError(f"cubature is known to degree 3 and 5, not {degree}; see gauss_hermite for more")
+        raise InputError(f"cubature is known to degree 3 and 5, not {degree}; see gauss_hermite for more")
     radius = math.sqrt(n + 2)
     pairs = [(j, k) for j in range(n) for k in range(j + 1, n)]
     plus = np.array([np.eye(n)[j] + np.eye(n)[k] for j, k in pairs]).reshape(-1, n)
@@ -161,9 +163,9 @@ def simplex(n: int) -> SigmaSet:
 def gauss_hermite(n: int, order: int = 3) -> SigmaSet:
     """The product rule of `order` points an axis, exact to degree 2·order − 1 in each: orderⁿ points."""
     if order < 2:
-        raise ValueError(f"Gauss–Hermite needs at least 2 points an axis, not {order}")
+        raise InputError(f"Gauss–Hermite needs at least 2 points an axis, not {order}")
     if order**n > _LARGEST:
-        raise ValueError(f"{order} points an axis are {order**n} points in {n} dimensions; take cubature degree 5")
+        raise InputError(f"{order} points an axis are {order**n} points in {n} dimensions; take cubature degree 5")
     x, w = np.polynomial.hermite_e.hermegauss(order)
     x, w = (x - x[::-1]) / 2, (w + w[::-1]) / (2 * w.sum())
     points = np.stack(np.meshgrid(*[x] * n, indexing="ij"), -1).reshape(-1, n)
@@ -178,5 +180,5 @@ def unit_set(family: Family, parameters: tuple[tuple[str, Any], ...], n: int) ->
     """The set of a family in n dimensions, made once."""
     made = family(n, **dict(parameters))
     if made.dimension != n:
-        raise ValueError(f"the sigma set {family.__name__} has {made.dimension} dimensions, the state has {n}")
+        raise InputError(f"the sigma set {family.__name__} has {made.dimension} dimensions, the state has {n}")
     return made

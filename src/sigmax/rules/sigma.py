@@ -54,7 +54,7 @@ def _reference(g: Function, x: jax.Array, first: jax.Array, angular: Sequence[bo
 
 
 def _symmetric(unit: SigmaSet, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
-    """Fold each pair: the odd part is the slope, the even part what the line misses (engine, section 1)."""
+    """Fold each pair: the odd part is the slope, the even part what the line misses."""
     k, w = len(unit.pairs), unit.pair_weights
     axes = k == unit.dimension and np.count_nonzero(unit.pairs) == k
     spread = S * static(np.diag(unit.pairs), S, axis=1) if axes else combine(S, unit.pairs.T)

@@ -1,6 +1,5 @@
 """The edge: what a user gives, checked before any long work and laid out for the engine."""
 
-import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -11,9 +10,10 @@ import numpy as np
 from sigmax.algebra.factor import cholesky
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter, get
-from sigmax.models.checks import finite, is_traced, numbers, symmetric_semidefinite
+from sigmax.models.checks import finite, is_traced, numbers
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model, takes
+from sigmax.models.model import Model
+from sigmax.running.functions import check_functions, check_linear
 
 
 class Prepared(NamedTuple):
@@ -80,7 +80,7 @@ def prepare(filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inpu
         raise InputError(f"dtype must be float64 or float32, it is {dtype}")
     check_functions(model, prior, elapsed, u, {s: v.shape[-1] for s, v in measured.items()})
     if filter.linear:
-        _check_linear(model, prior, elapsed, u)
+        check_linear(model, prior, elapsed, u)
 
     mean, factor = _batch_last(prior.mean, 1, dtype), start_factor(filter, _batch_last(prior.cov, 2, dtype))
     if batch is not None:
@@ -184,82 +184,3 @@ def _inputs(model: Model, inputs: Any, T: int) -> Any:
         raise InputError(f"inputs must have the shape ({T}, k) or (B, {T}, k); this one has {value.shape}")
     finite("inputs", value)
     return value
-
-
-def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mapping[str, int]) -> None:
-    """Evaluate shapes, and the numbers of Q and R at the start where they are functions.
-
-    Raises:
-        InputError: where a function of the model gives a shape that does not fit.
-    """
-    n = model.size
-    x = jax.ShapeDtypeStruct((n,), jnp.float64)
-    second = jax.ShapeDtypeStruct((), jnp.float64)
-    given = () if u is None else (jax.ShapeDtypeStruct((u.shape[-1],), jnp.float64),)
-    _shape_of("motion", model.motion, (x, second, *given)[: 3 if model.motion_inputs else 2], n, model.state)
-    for s, size in sizes.items():
-        names = model.measurement[s] or [f"column {i}" for i in range(size)]
-        arguments = (x, *given)[: 2 if model.sensor_inputs[s] else 1]
-        _shape_of(f"sensor {s!r}" if s else "sensor", model.sensors[s], arguments, size, names)
-    if is_traced((prior, dt, u)):
-        return
-    start = jnp.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0])
-    first_dt = jnp.asarray(np.ravel(dt)[0])
-    first_u = () if u is None else (jnp.asarray(np.reshape(u, (-1, u.shape[-1]))[0]),)
-    if callable(model.Q):
-        count = takes(model.Q, "Q", (1, 2, 3))
-        _check_noise("Q", model.Q, ((first_dt,) if count == 1 else (start, first_dt, *first_u)[:count]), n)
-    for s, size in sizes.items():
-        R = model.R[s]
-        if callable(R):
-            label = f"R[{s!r}]" if s else "R"
-            _check_noise(label, R, (start, *first_u)[: takes(R, label, (1, 2))], size)
-
-
-def _check_noise(label: str, function: Any, arguments: tuple[Any, ...], size: int) -> None:
-    value = numbers(f"{label}(…)", function(*arguments))
-    if is_traced(value):
-        return
-    if value.shape not in ((size,), (size, size)):
-        raise InputError(
-            f"{label}(…) must give a covariance of shape {(size, size)} or {size} variances, not {value.shape}"
-        )
-    symmetric_semidefinite(f"{label}(…) at the start", np.diag(value) if value.ndim == 1 else value)
-
-
-def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, names: Any) -> None:
-    try:
-        made = jax.eval_shape(lambda *a: jnp.asarray(function(*a)), *arguments)
-    except Exception as error:
-        error.add_note(
-            f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}"
-        )
-        raise
-    if made.shape != (size,):
-        raise InputError(
-            f"{what} must return the {size} components {list(names)}, shape ({size},); it returns {made.shape}"
-        )
-
-
-def _check_linear(model: Model, prior: Gaussian, dt: Any, u: Any) -> None:
-    """Refuse a model whose derivative is not the same everywhere."""
-    if is_traced((prior, dt, u)):
-        return
-    n = model.size
-    rng = np.random.default_rng(0)
-    points = rng.standard_normal((2, n)) * 10
-    first_dt = float(np.ravel(dt)[0])
-    given = () if u is None else (jnp.asarray(np.reshape(u, (-1, u.shape[-1]))[0]),)
-    functions = {
-        "motion": functools.partial(_drop, model.motion, (first_dt, *given)[: 2 if model.motion_inputs else 1])
-    }
-    for s, h in model.sensors.items():
-        functions[f"sensor {s!r}" if s else "sensor"] = functools.partial(_drop, h, given[: model.sensor_inputs[s]])
-    for what, g in functions.items():
-        a, b = (np.asarray(jax.jacfwd(g)(jnp.asarray(p))) for p in points)
-        if not np.allclose(a, b, rtol=1e-9, atol=1e-12 * np.abs(a).max(initial=1)):
-            raise InputError(f"KF is for linear models, and {what} is not linear; take EKF or a sigma-point filter")
-
-
-def _drop(function: Any, rest: tuple[Any, ...], x: Any) -> Any:
-    return jnp.asarray(function(x, *rest))

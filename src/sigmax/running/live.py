@@ -16,6 +16,7 @@ from sigmax.models.evaluate import noise_root
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, noise
 from sigmax.running.edge import as_filter, cast, start_factor
+from sigmax.running.result import batch_first
 from sigmax.running.step import Belief, Fault, Innovation, begin, correct, predict
 
 
@@ -65,6 +66,12 @@ class Live:
         return S @ S.swapaxes(-1, -2)
 
     @property
+    def std(self) -> np.ndarray:
+        """Its standard deviations (n,) or (B, n)."""
+        S = np.asarray(self._belief.factor)
+        return np.sqrt((S * S).sum(1)).T
+
+    @property
     def ok(self) -> Any:
         """Whether the last call was sound: a bool, or one for each track."""
         return bool(self._fault == 0) if not self._batched else np.asarray(self._fault) == 0
@@ -90,13 +97,28 @@ class Live:
             u: inputs (k,) where the sensor takes them.
 
         Returns:
-            Residual, factor of its covariance, NIS and log-likelihood; batch behind.
+            Residual, factor of its covariance, NIS and log-likelihood.
         """
         name, value = self._measurement(z, sensor)
         used = self.model.R[name] if R is None else self._noise(name, R)
         out = self._update(self._leaves, self._belief, name, value, used, self._inputs(u, "sensor", name))
         self._belief, told, self._fault = out
-        return told
+        return self._told(told)
+
+    def expect(self, sensor: str | None = None, *, R: Any = None, u: Any = None) -> tuple[np.ndarray, np.ndarray]:
+        """What a sensor should measure now, (m,) or (B, m), and the covariance of the innovation: for gates."""
+        name = self._sensor(sensor)
+        names = self.model.measurement[name]
+        if names is None:
+            raise InputError(
+                "name the components of the measurement in the model: R is a function and does not count them"
+            )
+        nothing = np.zeros((len(names), *self._belief.mean.shape[1:]), self._dtype)
+        used = self.model.R[name] if R is None else self._noise(name, R)
+        _, told, _ = self._update(self._leaves, self._belief, name, nothing, used, self._inputs(u, "sensor", name))
+        told = self._told(told)
+        S = np.asarray(told.factor)
+        return -np.asarray(told.residual), S @ S.swapaxes(-1, -2)
 
     def step(self, z: Any, dt: float, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """`predict(dt)` and `update(z)` in one compiled call."""
@@ -107,7 +129,7 @@ class Live:
         inputs = self._inputs(u, "motion", name)
         out = self._step(self._leaves, self._belief, name, self._cast(dt), value, used, inputs)
         self._belief, told, self._fault = out
-        return told
+        return self._told(told)
 
     def save(self) -> bytes:
         """The state as bytes; `restore` gives it back bit for bit, in another process too."""
@@ -138,13 +160,18 @@ class Live:
     def _cast(self, value: Any) -> np.ndarray:
         return np.asarray(value, self._dtype)
 
-    def _measurement(self, z: Any, sensor: str | None) -> tuple[str, np.ndarray]:
-        if sensor is None:
-            if self.model.several:
-                raise InputError(f"say which sensor measured: update(z, sensor=…), one of {sorted(self.model.sensors)}")
-            sensor = ""
-        elif sensor not in self.model.sensors:
+    def _told(self, told: Innovation) -> Innovation:
+        return Innovation(*map(batch_first, told)) if self._batched else told
+
+    def _sensor(self, sensor: str | None) -> str:
+        if sensor is None and self.model.several:
+            raise InputError(f"say which sensor measured: update(z, sensor=…), one of {sorted(self.model.sensors)}")
+        if sensor is not None and sensor not in self.model.sensors:
             raise unknown("sensor", sensor, self.model.sensors)
+        return sensor or ""
+
+    def _measurement(self, z: Any, sensor: str | None) -> tuple[str, np.ndarray]:
+        sensor = self._sensor(sensor)
         value = self._cast(z)
         names = self.model.measurement[sensor]
         wanted = (len(self.mean),) if self._batched else ()
@@ -160,7 +187,7 @@ class Live:
         return sensor, value.T if self._batched else value
 
     def _noise(self, sensor: str, R: Any) -> Any:
-        return cast(noise("R", R, self.model.measurement[sensor]), self._dtype)  # type: ignore[arg-type]
+        return cast(noise("R", R, self.model.measurement[sensor]), self._dtype)
 
     def _inputs(self, u: Any, what: str, sensor: str | None = None) -> Any:
         wanted = self.model.motion_inputs if what == "motion" else False

@@ -14,6 +14,11 @@ from sigmax.models.checks import is_traced
 from sigmax.running.step import Fault, Innovation
 
 
+def batch_first(a: Any) -> Any:
+    """An array of the engine, batch last, with the batch first: a view where its numbers are known."""
+    return jnp.moveaxis(a, -1, 0) if is_traced(a) else np.moveaxis(np.asarray(a), -1, 0)
+
+
 class Layout(NamedTuple):
     """What the arrays of a result mean."""
 
@@ -28,8 +33,7 @@ class Layout(NamedTuple):
 class Smoothed:
     """Means and covariances over time; the batch, where there is one, comes first.
 
-    Arrays are stored as the engine makes them, time first and batch last; properties are views
-    of them (NumPy arrays, or JAX arrays while being traced).
+    Arrays are NumPy arrays, or JAX arrays while being traced.
     """
 
     layout: Layout = field(metadata={"static": True})
@@ -40,11 +44,7 @@ class Smoothed:
     def _out(self, a: Any, what: str) -> Any:
         if a is None:
             raise InputError(f"{what} was not kept; add it to keep= in run")
-        traced = is_traced(a)
-        a = a if traced else np.asarray(a)
-        if not self.layout.batched:
-            return a
-        return jnp.moveaxis(a, -1, 0) if traced else np.moveaxis(a, -1, 0)
+        return a
 
     @property
     def state(self) -> tuple[str, ...]:

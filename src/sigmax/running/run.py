@@ -17,11 +17,13 @@ from sigmax.models.evaluate import noise_root
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.running.edge import Prepared, as_filter, prepare
-from sigmax.running.result import Layout, Result
+from sigmax.running.result import Layout, Result, batch_first
 from sigmax.running.step import Belief, Innovation, begin, correct, predict
 
 PARTS = ("mean", "factor", "fault", "nis", "dof", "step_log_likelihood", "innovation")
 _SMALLEST_PART = 256
+
+Parts = tuple[Any, dict[str, Any]]
 
 
 def run(
@@ -61,21 +63,35 @@ def run(
         if part not in PARTS:
             raise unknown("part of a result", part, PARTS)
     ready = prepare(chosen, model, prior, z, dt, inputs, dtype)
-    return _over_cores(chosen, frozenset(keep), ready)
+    total, parts = _over_cores(chosen, frozenset(keep), ready)
+    batched = ready.mean.ndim == 2
+    if batched or not is_traced(total):
+        total, parts = jax.tree.map(batch_first if batched else np.asarray, (total, parts))
+    return Result(
+        layout=Layout(model.state, model.angular, batched, model.several),
+        stored_mean=parts.get("mean"),
+        stored_factor=parts.get("factor"),
+        stored_fault=parts.get("fault"),
+        stored_innovations=parts.get("innovation"),
+        stored_nis=parts.get("nis"),
+        stored_log_likelihood=parts.get("step_log_likelihood"),
+        stored_count=parts.get("dof"),
+        stored_total=total,
+    )
 
 
-def _over_cores(filter: Filter, keep: frozenset[str], ready: Prepared) -> Result:
+def _over_cores(filter: Filter, keep: frozenset[str], ready: Prepared) -> Parts:
     """A large batch in as many equal parts as there are cores: the compiler alone uses little more than one."""
     cores = os.cpu_count() or 1
     batch = ready.mean.shape[1] if ready.mean.ndim == 2 else 1
     if is_traced(ready) or jax.default_backend() != "cpu" or cores == 1 or batch < cores * _SMALLEST_PART:
         return scan(filter, keep, *ready)
     size = -(-batch // cores)
-    # Equal parts share one compilation; the last one repeats a few tracks to be as long as the others.
+    # Equal parts share one compilation; the last one repeats some tracks to be as long as the others.
     starts = [min(i * size, batch - size) for i in range(cores)]
     cuts = (False, True, True, True, ready.dt.ndim == 2, ready.u is not None and ready.u.ndim == 3)
 
-    def part(start: int) -> Result:
+    def part(start: int) -> Parts:
         mine = (
             jax.tree.map(lambda a: a[..., start : start + size], value) if cut else value
             for value, cut in zip(ready, cuts, strict=True)
@@ -95,8 +111,8 @@ def _over_cores(filter: Filter, keep: frozenset[str], ready: Prepared) -> Result
 @partial(jax.jit, static_argnums=(0, 1))
 def scan(
     filter: Filter, keep: frozenset[str], model: Model, mean: Any, factor: Any, z: dict[str, Any], dt: Any, u: Any
-) -> Result:
-    """The compiled run over a `Prepared` record."""
+) -> Parts:
+    """The compiled run over a `Prepared` record: total log-likelihood and what is kept, batch last."""
     root = noise_root(model.Q)
 
     def step(carry: tuple[Belief, jax.Array], at: Prepared) -> tuple[tuple[Belief, jax.Array], dict[str, Any]]:
@@ -126,17 +142,7 @@ def scan(
     zero = jnp.zeros(mean.shape[1:], mean.dtype)
     records = Prepared(model=None, mean=None, factor=None, z=z, dt=dt, u=u)  # type: ignore[arg-type]
     (_, total), parts = jax.lax.scan(step, (started, zero), records)
-    return Result(
-        layout=Layout(model.state, model.angular, mean.ndim == 2, model.several),
-        stored_mean=parts.get("mean"),
-        stored_factor=parts.get("factor"),
-        stored_fault=parts.get("fault"),
-        stored_innovations=parts.get("innovation"),
-        stored_nis=parts.get("nis"),
-        stored_log_likelihood=parts.get("step_log_likelihood"),
-        stored_count=parts.get("dof"),
-        stored_total=total,
-    )
+    return total, parts
 
 
 def _corrected(

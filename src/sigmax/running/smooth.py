@@ -5,16 +5,17 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from sigmax.algebra.arrays import lift, outer, product, times, wrap
 from sigmax.algebra.factor import Matrix, dense, downdate, inverse_lower, solve_lower, tria
-from sigmax.errors import InputError
 from sigmax.filters import Filter
+from sigmax.models.checks import is_traced
 from sigmax.models.evaluate import motion_noise, moving, noise_root
 from sigmax.models.model import Model
 from sigmax.rules.linearization import Linearization
 from sigmax.running.edge import as_filter, cast, laid_out_steps
-from sigmax.running.result import Result, Smoothed
+from sigmax.running.result import Result, Smoothed, batch_first
 from sigmax.running.step import Fault
 
 
@@ -27,7 +28,7 @@ def smooth(filter: Filter | str, model: Model, result: Result, *, dt: Any = 1.0,
     Args:
         filter: the filter of the run.
         model: the model of the run.
-        result: what `run` gave, with mean and factor kept.
+        result: what `run` gave, with mean, factor and fault kept.
         dt: as given to the run.
         inputs: as given to the run.
 
@@ -35,18 +36,17 @@ def smooth(filter: Filter | str, model: Model, result: Result, *, dt: Any = 1.0,
         Smoothed estimates; where a step could not be smoothed, the filtered estimate and a fault.
 
     Raises:
-        InputError: where dt or inputs do not fit the result.
+        InputError: where dt or inputs do not fit the result, or a part of it was not kept.
     """
     chosen = as_filter(filter)
-    if result.stored_mean is None or result.stored_factor is None:
-        raise InputError("smoothing needs the mean and the factor of every step; add them to keep= in run")
-    mean, factor = result.stored_mean, result.stored_factor
+    batched = result.layout.batched
+    kept = (result.mean, result.factor, result.fault)
+    mean, factor, fault = (jnp.moveaxis(a, 0, -1) if batched else a for a in kept)
     elapsed, u = laid_out_steps(model, dt, inputs, mean.shape[0], mean.dtype)
-    fault = result.stored_fault
-    if fault is None:
-        fault = jnp.zeros((mean.shape[0], *mean.shape[2:]), jnp.int8)
-    smoothed, root, failed = _scan(chosen, cast(model, mean.dtype), mean, factor, fault, elapsed, u)
-    return Smoothed(result.layout, smoothed, root, failed)
+    made = _scan(chosen, cast(model, mean.dtype), mean, factor, fault, elapsed, u)
+    if batched or not is_traced(made):
+        made = jax.tree.map(batch_first if batched else np.asarray, made)
+    return Smoothed(result.layout, *made)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -1,0 +1,93 @@
+"""The command line. What is slow to load is loaded inside the commands, so that help comes at once."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sigmax.errors import InputError
+
+app = typer.Typer(
+    name="sigmax",
+    help="Nonlinear Kalman filtering on recorded measurements.\n\nExample: sigmax track plaza1",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    # Rich help would take longer to load than all the rest.
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@app.command("track")
+def track_command(
+    record: Annotated[
+        str,
+        typer.Argument(
+            help="A built-in record (see: sigmax records) or a TOML file that describes your data.", show_default=False
+        ),
+    ],
+    filter: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--filter",
+            "-f",
+            help="NAME or NAME:parameter=value,…; may be repeated. Without it: what the record says.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for the results; a former one is replaced. Without it: runs/RECORD.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Track a record with one or several filters and write estimates, summary and report.
+
+    Leaves estimates.parquet, summary.json and report.html in the folder.
+
+    Example: sigmax track plaza1 --filter EKF --filter SRUKFB:alpha=0.45,beta=2,kappa=-2 --out runs/try
+    """
+    from sigmax.cli.track import track_record
+
+    try:
+        track_record(record, filter or [], out)
+    except KeyboardInterrupt:
+        print("sigmax: interrupted; nothing was written", file=sys.stderr)
+        raise typer.Exit(130) from None
+
+
+@app.command("filters")
+def filters_command() -> None:
+    """List the catalogue of filters: prediction rule, correction rule and form of each.
+
+    Example: sigmax filters
+    """
+    from sigmax.cli.lists import print_filters
+
+    print_filters()
+
+
+@app.command("records")
+def records_command() -> None:
+    """List the built-in records of real measurements.
+
+    Example: sigmax records
+    """
+    from sigmax.cli.lists import print_records
+
+    print_records()
+
+
+def main() -> None:
+    """Run the command line; what the user gave wrongly is one message and exit status 2."""
+    try:
+        app()
+    except InputError as error:
+        print(f"sigmax: {error}", file=sys.stderr)
+        raise SystemExit(2) from None

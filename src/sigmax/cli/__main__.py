@@ -1,0 +1,5 @@
+"""`python -m sigmax.cli` is `sigmax`."""
+
+from sigmax.cli import main
+
+main()

@@ -1,0 +1,92 @@
+"""`sigmax track`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from sigmax.records import Outcome, Record, check, load, parse_trial, track
+from sigmax.reports import Grade, Score, check_folder, grade, score, verdict, write
+from sigmax.reports.verdict import nis_in_words, significant
+
+_COLOUR = {Grade.CONSISTENT: "green", Grade.NEAR: "yellow"}
+
+
+def track_record(name: str, filters: Sequence[str], out: Path | None) -> None:
+    """Load, check, run, write and print.
+
+    Raises:
+        InputError: before any filter runs, for whatever does not fit.
+        SystemExit: with status 1 where every filter failed; nothing is written then.
+    """
+    console, errors = Console(), Console(stderr=True)
+    trials = tuple(dict.fromkeys(parse_trial(text) for text in filters))
+    with errors.status("reading the record"):
+        record = load(name)
+        trials = trials or record.trials
+        folder = out if out is not None else Path("runs") / record.name
+        check_folder(folder)
+        check(record, trials)
+    outcomes: list[Outcome] = []
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=errors, transient=True) as progress:
+        task = progress.add_task("", total=len(trials))
+        for trial in trials:
+            progress.update(task, description=escape(f"{record.name}: {record.label(trial)}"))
+            outcomes.append(track(record, trial))
+            progress.advance(task)
+        progress.update(task, description="writing the report")
+        scores = [score(record, outcome) for outcome in outcomes]
+        worked = any(outcome.result is not None for outcome in outcomes)
+        if worked:
+            write(folder, record, outcomes, scores)
+    console.print(_table(record, scores))
+    headline, sentences = verdict(scores)
+    console.print(f"\n[bold]{escape(headline)}[/bold]", highlight=False)
+    for sentence in sentences:
+        console.print(escape(sentence), highlight=False)
+    if not worked:
+        raise SystemExit(1)
+    console.print(f"\nReport: {escape(str(folder / 'report.html'))}", highlight=False, soft_wrap=True)
+
+
+def _table(record: Record, scores: Sequence[Score]) -> Table:
+    truth = any(s.rmse_position_m is not None for s in scores)
+    table = Table(
+        box=None,
+        pad_edge=False,
+        collapse_padding=True,
+        header_style="bold",
+        title=escape(record.title),
+        title_justify="left",
+        title_style="bold",
+    )
+    table.add_column("filter", overflow="fold")
+    faulty = any(s.faults for s in scores)
+    for head in (*(("RMSE",) if truth else ()), "mean NIS", "expected", "run", *(("faults",) if faulty else ())):
+        table.add_column(head, justify="right", no_wrap=True)
+    table.add_column("covariance")
+    for s in scores:
+        graded = grade(s)
+        table.add_row(
+            escape(s.label),
+            *((_shown(s.rmse_position_m, "m"),) if truth else ()),
+            *nis_in_words(s),
+            _shown(s.seconds, "s", 2),
+            *((str(s.faults),) if faulty else ()),
+            f"[{_COLOUR.get(graded, 'red')}]{graded.value}[/]",
+        )
+    return table
+
+
+def _shown(value: float | None, unit: str = "", digits: int = 3) -> str:
+    return "–" if value is None else f"{significant(value, digits)} {unit}".strip()

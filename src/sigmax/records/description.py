@@ -1,0 +1,141 @@
+"""The TOML that describes a record, and its errors in words."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+
+from sigmax.errors import InputError, unknown
+
+
+class _Section(BaseModel):
+    """A table of the TOML; keys that are not known are refused with the nearest that are."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            raise PydanticCustomError("table", "{text}", {"text": f"must be a table of keys; it is {given!r}"})
+        for key in given:
+            if key not in cls.model_fields:
+                raise PydanticCustomError("key", "{text}", {"text": str(unknown("key", key, cls.model_fields))})
+        return given
+
+
+class Column(_Section):
+    """A column of the data and its unit; no unit means SI and radians."""
+
+    column: str
+    unit: str = ""
+
+
+def _as_column(given: Any) -> Any:
+    return {"column": given} if isinstance(given, str) else given
+
+
+def _as_list(given: Any) -> Any:
+    return given if isinstance(given, list) else [given]
+
+
+ColumnGiven = Annotated[Column, BeforeValidator(_as_column)]
+# A standard deviation by component, a covariance as rows of numbers, or "file.py:function".
+Noise = Any
+
+
+class MotionPart(_Section):
+    """One motion, built in or "file.py:function"; several are joined in their order."""
+
+    kind: str
+    noise: Noise
+    axes: list[str] | None = None
+    tau: Any = None
+    state: dict[str, str] | None = None
+    inputs: dict[str, ColumnGiven] = Field(default_factory=dict)
+
+
+class SensorPart(_Section):
+    """One sensor, built in or "file.py:function", and the columns that hold what it measured."""
+
+    kind: str
+    columns: dict[str, ColumnGiven]
+    noise: Noise
+    at: list[str] | None = None
+    origin: list[Any] | None = None
+    scale: str | None = None
+    radial_velocity: bool = False
+    measurement: dict[str, str] | None = None
+    inputs: dict[str, ColumnGiven] = Field(default_factory=dict)
+
+
+class Description(_Section):
+    """All of it; the README of the format is docs/bring-your-own-data.md."""
+
+    data: str
+    time: ColumnGiven
+    motion: Annotated[list[MotionPart], BeforeValidator(_as_list), Field(min_length=1)]
+    sensors: dict[str, SensorPart] = Field(min_length=1)
+    prior: dict[str, Any]
+    title: str = ""
+    track: str | None = None
+    filters: list[str] = Field(default=["EKF", "SRCKFB"], min_length=1)
+    position: list[str] | None = None
+    truth: dict[str, ColumnGiven] = Field(default_factory=dict)
+    source: str = ""
+    licence: str = ""
+
+    @model_validator(mode="after")
+    def _one_sensor_has_columns(self) -> Self:
+        for name, sensor in self.sensors.items():
+            if not sensor.columns:
+                raise PydanticCustomError("empty", "{text}", {"text": f"sensors.{name}.columns names no column"})
+        return self
+
+
+def read_description(path: Path) -> Description:
+    """The description in a TOML file.
+
+    Raises:
+        InputError: where there is no such file, it is no TOML, or keys are missing, unknown or of the wrong kind.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        beside = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
+        raise InputError(
+            f"there is no file {path}" + (f"; beside it lie {', '.join(beside)}" if beside else "")
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read: {error}") from error
+    try:
+        return Description.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path.name} is not valid TOML: {error}") from error
+    except ValidationError as error:
+        raise InputError(_in_words(path, error)) from error
+
+
+def _in_words(path: Path, error: ValidationError) -> str:
+    """The first thing that is wrong; the others often follow from it."""
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "missing":
+        *above, key = (str(part) for part in first["loc"])
+        where = f"[{'.'.join(above)}]" if above else "the top of the file, before the first [table],"
+        return f"{path.name}: {where} needs the key {key!r}"
+    if first["type"] in ("table", "key", "empty"):
+        return f"{path.name}: {f'{place}: ' if place else ''}{first['msg']}"
+    wanted = _WANTED.get(first["type"], first["msg"][:1].lower() + first["msg"][1:])
+    return f"{path.name}: {place}: {wanted}; it is {first['input']!r}"
+
+
+_WANTED = {
+    "string_type": "this must be text in quotes",
+    "list_type": "this must be a list in brackets",
+    "dict_type": "this must be a table of keys",
+    "bool_type": "this must be true or false",
+    "too_short": "this must not be empty",
+}

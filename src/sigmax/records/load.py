@@ -1,0 +1,56 @@
+"""Finding a record by its name or its description."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from sigmax.errors import InputError, unknown
+from sigmax.records.record import Record
+
+
+class Builtin(NamedTuple):
+    """A record that comes with the library: how to make it, and what it is."""
+
+    make: Callable[[], Record]
+    about: str
+
+
+def _plaza(run: int) -> Callable[[], Record]:
+    def make() -> Record:
+        from sigmax.records.plaza import plaza
+
+        return plaza(run)
+
+    return make
+
+
+def builtin() -> dict[str, Builtin]:
+    """The built-in records by name."""
+    about = "a robot mower among four radio beacons: ranges and odometry, truth to centimetres (extra: plaza)"
+    return {f"plaza{run}": Builtin(_plaza(run), f"{about}, run {run}") for run in (1, 2)}
+
+
+def load(name: str) -> Record:
+    """A built-in record by its name, or one of your own by the path of its TOML description.
+
+    Raises:
+        InputError: for whatever is missing or does not fit, before any filter runs.
+    """
+    known = builtin()
+    if name.casefold() in known:
+        return known[name.casefold()].make()
+    path = Path(name)
+    if path.suffix.casefold() == ".toml":
+        from sigmax.records.own import own
+
+        return own(path)
+    if path.suffix.casefold() in (".csv", ".parquet"):
+        from sigmax.records.suggest import description_for
+
+        raise InputError(
+            f"{path} holds data; sigmax tracks a short TOML file that says what they mean. Save this as "
+            f"{path.with_suffix('.toml').name} beside it, correct it, and track that:\n\n{description_for(path)}"
+        )
+    if path.exists():
+        raise InputError(f"{path} is neither a built-in record ({', '.join(known)}) nor a .toml description")
+    raise InputError(f"{unknown('record', name, known)}; or give the path of a .toml description")

@@ -1,0 +1,151 @@
+"""The model of a description: motions joined, sensors by name, inputs dealt out."""
+
+from collections.abc import Callable
+from functools import reduce
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+from sigmax.errors import InputError, unknown
+from sigmax.models import Model, motions
+from sigmax.models.model import takes
+from sigmax.records.description import Column, Description
+from sigmax.records.motion import Moving, read_motion
+from sigmax.records.sensor import Sensing, read_sensor
+from sigmax.records.units import LENGTH, Dimension
+from sigmax.records.userfile import Functions
+
+
+class Input(NamedTuple):
+    """One input: where it comes from, what it is, and whose it is (no sensor: the motion's)."""
+
+    column: Column
+    dimension: Dimension | None
+    sensor: str | None
+    where: str
+
+
+class Built(NamedTuple):
+    """A model with what the edges know of it."""
+
+    model: Model
+    dimensions: tuple[Dimension, ...]
+    position: tuple[int, ...]
+    sensings: dict[str, Sensing]
+    inputs: tuple[Input, ...]
+
+
+def build(description: Description, folder: Path) -> Built:
+    """The model of a description whose files lie in `folder`.
+
+    Raises:
+        InputError: for names, options, units and functions that do not fit.
+    """
+    functions = Functions(folder)
+    several = len(description.motion) > 1
+    labels = [f"motion[{i}]" if several else "motion" for i in range(len(description.motion))]
+    parts = [read_motion(p, label, functions) for p, label in zip(description.motion, labels, strict=True)]
+    moving = reduce(_joined, parts)
+    state = moving.motion.state
+    if len(set(state)) < len(state):
+        raise InputError(f"motion: two parts have a component of the same name: {list(map(str, state))}")
+    names = list(moving.position) if description.position is None else description.position
+    for name in names:
+        if name not in state:
+            raise InputError(f"position: {unknown('component', name, state)}")
+        if moving.dimensions[state.index(name)] != LENGTH:
+            raise InputError(f"position: the component {name!r} is no length")
+    sensings = {
+        name: read_sensor(part, f"sensors.{name}", state, tuple(names), functions)
+        for name, part in description.sensors.items()
+    }
+    inputs = _inputs(
+        {name: column for part in description.motion for name, column in part.inputs.items()},
+        moving.motion.inputs,
+        moving.inputs,
+        None,
+        "motion.inputs",
+    )
+    driven = len(inputs)
+    hear: dict[str, Callable[..., Any]] = {}
+    noises: dict[str, Any] = {}
+    for name, sensing in sensings.items():
+        own = _inputs(
+            description.sensors[name].inputs, sensing.sensor.inputs, sensing.inputs, name, f"sensors.{name}.inputs"
+        )
+        part_of_u = slice(len(inputs), len(inputs) + len(own))
+        hear[name] = _with_part_of(sensing.sensor.function, part_of_u, 1, f"sensors.{name}.kind")
+        noises[name] = _with_part_of(sensing.R, part_of_u, 1, f"sensors.{name}.noise", must=False)
+        inputs += own
+    try:
+        model = Model(
+            motion=_with_part_of(moving.motion.function, slice(driven), 2, "motion.kind"),
+            sensor=hear,
+            Q=_with_part_of(moving.Q, slice(driven), 2, "motion.noise", must=False),
+            R=noises,
+            state=state,
+            measurement={name: sensing.sensor.measurement for name, sensing in sensings.items()},
+        )
+    except InputError as error:
+        raise InputError(_renamed(str(error))) from error
+    return Built(model, moving.dimensions, tuple(state.index(n) for n in names), sensings, tuple(inputs))
+
+
+def _renamed(message: str) -> str:
+    """The engine's Q and R as they are called in a description."""
+    head, _, rest = message.partition(" ")
+    if head == "Q":
+        return f"motion.noise {rest}"
+    return f"sensors.{head[3:-2]}.noise {rest}" if head.startswith("R['") else message
+
+
+def _joined(first: Moving, second: Moving) -> Moving:
+    if second.motion.inputs or (second.inputs is None and second.motion.inputs):
+        raise InputError("motion: inputs belong to the first of the motions that are joined")
+    motion = motions.join(first.motion, second.motion)
+    Q = motion.noise(first.Q, second.Q)
+    return Moving(motion, Q, first.dimensions + second.dimensions, first.position or second.position, first.inputs)
+
+
+def _inputs(
+    given: dict[str, Column],
+    wanted: tuple[str, ...],
+    dimensions: dict[str, Dimension] | None,
+    sensor: str | None,
+    where: str,
+) -> list[Input]:
+    for name in given:
+        if name not in wanted:
+            if not wanted:
+                raise InputError(f"{where}: nothing here takes inputs, {name!r} is given")
+            raise InputError(f"{where}: {unknown('input', name, wanted)}")
+    for name in wanted:
+        if name not in given:
+            raise InputError(f"{where} needs {name!r}: the column that holds it")
+    return [Input(given[n], None if dimensions is None else dimensions[n], sensor, f"{where}.{n}") for n in wanted]
+
+
+def _with_part_of(function: Any, part: slice, before: int, where: str, must: bool = True) -> Any:
+    """A function of `before` arguments and u that is given its part of all the inputs.
+
+    Raises:
+        InputError: where it does not take u and `must`, or takes u and there is none.
+    """
+    if not callable(function):
+        return function
+    count = takes(function, where, tuple(range(1 if not must else before, before + 2)))
+    some = part.stop > (part.start or 0)
+    if count <= before:
+        if some and must:
+            raise InputError(f"{where}: the function takes {before} arguments; with inputs it needs one more, u")
+        return function
+    if not some:
+        raise InputError(f"{where}: the function takes inputs u; name their columns under inputs")
+    if before == 2:
+        return lambda x, dt, u: function(x, dt, u[part])
+
+    def with_own(x: jax.Array, u: jax.Array) -> Any:
+        return function(x, u[part])
+
+    return with_own

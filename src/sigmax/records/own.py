@@ -1,0 +1,180 @@
+"""A user's own record: a table and the TOML that describes it."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sigmax.errors import InputError, unknown
+from sigmax.models import Gaussian
+from sigmax.records.description import Column, Description, read_description
+from sigmax.records.model import Built, build
+from sigmax.records.prior import read_prior
+from sigmax.records.record import Record, parse_trial
+from sigmax.records.table import Table, read_table
+from sigmax.records.units import TIME, Dimension, parse_unit, to_si
+
+# Padding may take this many times the room of the data, or this many steps.
+_PADDING, _ROOM = 8, 4_000_000
+
+
+def own(path: Path) -> Record:
+    """The record that a TOML file describes.
+
+    Raises:
+        InputError: for whatever does not fit, in the description, the data or the user's functions.
+    """
+    description = read_description(path)
+    try:
+        return _record(path, description)
+    except InputError as error:
+        raise InputError(f"{path.name}: {error}") from error
+
+
+def _record(path: Path, description: Description) -> Record:
+    trials = tuple(dict.fromkeys(parse_trial(text) for text in description.filters))
+    built = build(description, path.parent)
+    _check_columns(description, built)
+    table = read_table(path.parent / description.data)
+    time, epoch = _times(table, description.time)
+    names, rows = _tracks(table, description.track, time)
+    measured = {sensor: _columns(table, _measured(description, built, sensor)) for sensor in built.sensings}
+    inputs = _inputs(table, built, measured, rows)
+    truth = np.full((len(table), built.model.size), np.nan)
+    for name, column in description.truth.items():
+        place = built.model.state.index(name)
+        truth[:, place] = _column(table, column, built.dimensions[place], f"truth.{name}")
+    mean, cov, rows, notes = read_prior(description.prior, built, measured, rows, names)
+    steps = np.array([len(r) for r in rows])
+    if steps.max() * len(rows) > max(_PADDING * steps.sum(), _ROOM):
+        raise InputError(
+            f"the {len(rows)} tracks run in one batch as long as the longest of {steps.max()} rows, of which "
+            f"{steps.sum() / (steps.max() * len(rows)):.1%} would be used: put the long tracks into a file of their own"
+        )
+    # Behind its end a track stands still: row 0 of nothing measured, no time, the last inputs.
+    index = np.stack([np.pad(r, (0, steps.max() - len(r)), mode="edge") for r in rows])
+    real = np.arange(steps.max()) < steps[:, None]
+    z = {s: np.where(real[..., None], v[index], np.nan) for s, v in measured.items()}
+    times = time[index]
+    landmarks = {
+        sensor: (s.origin[0], s.origin[1])
+        for sensor, s in built.sensings.items()
+        if s.origin is not None and len(s.origin) > 1
+    }
+    return Record(
+        name=path.stem,
+        title=description.title or path.stem,
+        model=built.model,
+        prior=Gaussian(mean, cov),
+        tracks=names,
+        time=times,
+        steps=steps,
+        z=z,
+        dt=np.diff(times, axis=1, prepend=times[:, :1]),
+        inputs=None if inputs is None else inputs[index],
+        truth=truth[index],
+        position=built.position,
+        dimensions=built.dimensions,
+        trials=trials,
+        epoch=epoch,
+        landmarks=landmarks,
+        source=description.source or description.data,
+        licence=description.licence,
+        notes=notes,
+    )
+
+
+def _check_columns(description: Description, built: Built) -> None:
+    """What can be refused before the table is read."""
+    for sensor, sensing in built.sensings.items():
+        given = description.sensors[sensor].columns
+        for name in given:
+            if name not in sensing.dimensions:
+                raise InputError(f"sensors.{sensor}.columns: {unknown('component', name, sensing.dimensions)}")
+        for name, dimension in sensing.dimensions.items():
+            if name not in given:
+                raise InputError(f"sensors.{sensor}.columns needs {str(name)!r}: the column of {dimension.what}")
+            to_si(given[name].unit, dimension, f"sensors.{sensor}.columns.{name}")
+    for item in built.inputs:
+        if item.dimension is not None:
+            to_si(item.column.unit, item.dimension, item.where)
+    for name, column in description.truth.items():
+        if name not in built.model.state:
+            raise InputError(f"truth: {unknown('component', name, built.model.state)}")
+        to_si(column.unit, built.dimensions[built.model.state.index(name)], f"truth.{name}")
+    to_si(description.time.unit, TIME, "time")
+
+
+def _measured(description: Description, built: Built, sensor: str) -> list[tuple[Column, Dimension | None, str]]:
+    given = description.sensors[sensor].columns
+    dimensions = built.sensings[sensor].dimensions
+    return [(given[name], dimension, f"sensors.{sensor}.columns.{name}") for name, dimension in dimensions.items()]
+
+
+def _columns(table: Table, wanted: list[tuple[Column, Dimension | None, str]]) -> np.ndarray:
+    return np.column_stack([_column(table, *one) for one in wanted])
+
+
+def _column(table: Table, column: Column, dimension: Dimension | None, where: str) -> np.ndarray:
+    if dimension is None:
+        factor = parse_unit(column.unit, where)[0] if column.unit.strip() else 1.0
+    else:
+        factor = to_si(column.unit, dimension, where)
+    return table.numbers(column.column) * factor
+
+
+def _times(table: Table, column: Column) -> tuple[np.ndarray, pd.Timestamp | None]:
+    time, epoch = table.times(column.column)
+    if epoch is not None:
+        if column.unit.strip():
+            raise InputError(f"time: the column {column.column!r} holds timestamps, which have no unit {column.unit!r}")
+        return time, epoch
+    return time * to_si(column.unit, TIME, "time"), None
+
+
+def _tracks(table: Table, column: str | None, time: np.ndarray) -> tuple[tuple[str, ...], list[np.ndarray]]:
+    """Names of the tracks and the rows of each, in their order, times checked."""
+    if column is None:
+        names: tuple[str, ...] = ("1",)
+        rows = [np.arange(len(table))]
+    else:
+        series: pd.Series[Any] = table.column(column)
+        if series.isna().any() or (series.astype("string").str.strip() == "").any():
+            empty = series.isna() | (series.astype("string").str.strip() == "")
+            row = table.row(int(np.flatnonzero(empty.to_numpy(bool))[0]))
+            raise InputError(f"{table.path.name}, row {row}: the column {column!r} does not say which track")
+        codes, labels = pd.factorize(series)
+        names = tuple(str(label).strip() for label in labels)
+        order = np.argsort(codes, kind="stable")
+        rows = np.split(order, np.cumsum(np.bincount(codes))[:-1])
+    for name, r in zip(names, rows, strict=True):
+        back = np.flatnonzero(np.diff(time[r]) < 0)
+        if len(back):
+            i = int(back[0])
+            track = "" if column is None else f" of the track {name!r}"
+            raise InputError(
+                f"{table.path.name}: time runs backwards{track} from row {table.row(int(r[i]))} ({time[r[i]]:.15g} s) "
+                f"to row {table.row(int(r[i + 1]))} ({time[r[i + 1]]:.15g} s); sort the rows by time"
+            )
+    return names, rows
+
+
+def _inputs(table: Table, built: Built, measured: dict[str, np.ndarray], rows: list[np.ndarray]) -> np.ndarray | None:
+    """All inputs (rows, k). An empty one holds the value before it; a sensor's may miss where it measured nothing."""
+    if not built.inputs:
+        return None
+    values = _columns(table, [(i.column, i.dimension, i.where) for i in built.inputs])
+    for k, item in enumerate(built.inputs):
+        for r in rows:
+            held = pd.Series(values[r, k]).ffill().to_numpy()
+            silent = np.zeros(len(r), bool) if item.sensor is None else np.isnan(measured[item.sensor][r]).all(1)
+            missing = np.isnan(held) & ~silent
+            if missing.any():
+                row = table.row(int(r[np.flatnonzero(missing)[0]]))
+                raise InputError(
+                    f"{table.path.name}, row {row}: the column {item.column.column!r} is empty, and so are the rows "
+                    f"of the track before it; {item.where} needs a value from the first row on"
+                )
+            values[r, k] = np.nan_to_num(held)
+    return values

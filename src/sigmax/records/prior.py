@@ -1,0 +1,81 @@
+"""The prior of a description: by component, the position from the first measurement if wished."""
+
+from typing import Any
+
+import numpy as np
+
+from sigmax.errors import InputError, unknown
+from sigmax.records.model import Built
+from sigmax.records.sensor import first_position
+from sigmax.records.units import quantity
+
+_FROM = "position_from"
+
+
+def read_prior(
+    given: dict[str, Any],
+    built: Built,
+    measured: dict[str, np.ndarray],
+    rows: list[np.ndarray],
+    names: tuple[str, ...],
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray], tuple[str, ...]]:
+    """Means (B, n), covariances (B, n, n), the rows that remain of each track, and notes for the reader.
+
+    With `position_from`, a track begins with the first whole measurement of that sensor; it gives
+    the position and its covariance, and is taken out of `measured` so that it does not count twice.
+
+    Raises:
+        InputError: where a component is missing, given twice or not known, or a number does not fit.
+    """
+    state = built.model.state
+    sensor = given.get(_FROM)
+    if sensor is not None and sensor not in built.sensings:
+        raise InputError(f"prior.{_FROM}: {unknown('sensor', sensor, built.sensings)}")
+    at = built.sensings[sensor].at if sensor is not None else ()
+    for name in given:
+        if name != _FROM and name not in state:
+            raise InputError(f"prior: {unknown('component', name, [*state, _FROM])}")
+        if name in [state[i] for i in at]:
+            raise InputError(f"prior.{name} is given twice: here and by {_FROM} = {sensor!r}; drop one of them")
+    n, B = len(state), len(rows)
+    mean, cov = np.zeros((B, n)), np.zeros((B, n, n))
+    for i, name in enumerate(state):
+        if i in at:
+            continue
+        mean[:, i], deviation = _component(given, name, built, i)
+        cov[:, i, i] = deviation**2
+    if sensor is None:
+        return mean, cov, rows, ()
+    used = len(at)
+    firsts = []
+    for k, r in enumerate(rows):
+        whole = np.flatnonzero(~np.isnan(measured[sensor][r][:, :used]).any(1))
+        if not len(whole):
+            raise InputError(f"prior.{_FROM}: the track {names[k]!r} has no whole measurement of the sensor {sensor!r}")
+        firsts.append(int(whole[0]))
+    begin = np.array([r[first] for r, first in zip(rows, firsts, strict=True)])
+    try:
+        place, spread = first_position(built.sensings[sensor], measured[sensor][begin])
+    except InputError as error:
+        raise InputError(f"prior.{_FROM} = {sensor!r}: {error}") from error
+    mean[:, at] = place
+    cov[:, np.array(at)[:, None], np.array(at)] = spread
+    measured[sensor][begin[:, None], np.arange(used)] = np.nan
+    notes = [f"The first measurement of {sensor} gives each track its position and is not used again."]
+    if any(firsts):
+        notes.append(f"{sum(firsts)} rows before it are left out.")
+    return mean, cov, [r[first:] for r, first in zip(rows, firsts, strict=True)], tuple(notes)
+
+
+def _component(given: dict[str, Any], name: str, built: Built, place: int) -> tuple[float, float]:
+    if name not in given:
+        means = f" (or {_FROM} = a sensor)" if place in built.position else ""
+        raise InputError(f"prior needs {str(name)!r}: {{ mean = …, std = … }}{means}")
+    value = given[name]
+    if not isinstance(value, dict) or set(value) != {"mean", "std"}:
+        raise InputError(f"prior.{name} must be {{ mean = …, std = … }}; it is {value!r}")
+    dimension = built.dimensions[place]
+    mean, deviation = (quantity(value[key], dimension, f"prior.{name}.{key}") for key in ("mean", "std"))
+    if deviation < 0:
+        raise InputError(f"prior.{name}.std must not be negative; it is {value['std']!r}")
+    return mean, deviation

@@ -1,0 +1,132 @@
+"""A record: what was measured, the model for it, and what shall be tried on it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from sigmax.errors import InputError, unknown
+from sigmax.filters import Filter, get
+from sigmax.models import Gaussian, Model
+from sigmax.records.units import Dimension
+
+
+class Trial(NamedTuple):
+    """A filter to run on a record, as in "SRUKF:alpha=0.45,beta=2" or "EKF:fixed=range_scale".
+
+    Attributes:
+        name: as it was written; the key in all outputs.
+        filter: the filter.
+        fixed: components of the state that are taken as known: their prior variance is 0.
+    """
+
+    name: str
+    filter: Filter
+    fixed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Record:
+    """One or several tracks (B) laid out for one call, padded at the end to the longest (T).
+
+    Attributes:
+        name: short, for folders and tables.
+        title: in words.
+        model: the model, in SI and radians.
+        prior: the state at the first time of each track.
+        tracks: their names (B).
+        time: seconds since `epoch`, or as the source counts them (B, T).
+        steps: the length of each track (B,); what lies behind is padding.
+        z: measurements (B, T, m), or by sensor; NaN is missing.
+        dt: seconds since the row before, 0 in the first (B, T).
+        inputs: (B, T, k), or None.
+        truth: the state as far as it is known (B, T, n), NaN where it is not.
+        position: where the position stands in the state.
+        dimensions: of the components of the state.
+        trials: what to run if nothing else is said.
+        epoch: the instant of time 0, where the source tells.
+        landmarks: points to show on the map, by name.
+        source: where the data come from.
+        licence: the terms they are under.
+        notes: what a reader of the results should know.
+    """
+
+    name: str
+    title: str
+    model: Model
+    prior: Gaussian
+    tracks: tuple[str, ...]
+    time: np.ndarray
+    steps: np.ndarray
+    z: Any
+    dt: np.ndarray
+    inputs: np.ndarray | None
+    truth: np.ndarray
+    position: tuple[int, ...]
+    dimensions: tuple[Dimension, ...]
+    trials: tuple[Trial, ...]
+    epoch: pd.Timestamp | None = None
+    landmarks: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    source: str = ""
+    licence: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def real(self) -> np.ndarray:
+        """Which steps are not padding (B, T)."""
+        return np.arange(self.time.shape[1]) < self.steps[:, None]
+
+    def prior_for(self, trial: Trial) -> Gaussian:
+        """The prior with the variances of fixed components at 0.
+
+        Raises:
+            InputError: for a component that the model does not have.
+        """
+        for name in trial.fixed:
+            if name not in self.model.state:
+                raise InputError(f"{trial.name}: {unknown('component', name, self.model.state)}")
+        kept = np.array([name not in trial.fixed for name in self.model.state], float)
+        return Gaussian(self.prior.mean, np.asarray(self.prior.cov) * np.outer(kept, kept))
+
+    def label(self, trial: Trial) -> str:
+        """The trial for tables: what is fixed, and at what value."""
+        mean = np.atleast_2d(self.prior.mean)[0]
+        fixed = [f"{name} fixed at {mean[self.model.state.index(name)]:g}" for name in trial.fixed]
+        return ", ".join([trial.filter.name, *fixed])
+
+
+def parse_trial(text: str) -> Trial:
+    """A trial from "NAME" or "NAME:parameter=value,…", where `fixed=component` may stand among the parameters.
+
+    Raises:
+        InputError: for names that are not known, values that do not fit, and other syntax.
+    """
+    name, _, rest = text.strip().partition(":")
+    parameters: dict[str, Any] = {}
+    fixed = []
+    for piece in filter(None, (piece.strip() for piece in rest.split(","))):
+        key, equals, value = (part.strip() for part in piece.partition("="))
+        if not equals or not key or not value:
+            raise InputError(f"{text!r}: {piece!r} should be parameter=value, as in SRUKFB:alpha=0.45,beta=2,kappa=-2")
+        if key == "fixed":
+            fixed.append(value)
+        elif key in parameters:
+            raise InputError(f"{text!r} gives {key} twice")
+        else:
+            parameters[key] = _value(value)
+    try:
+        made = get(name, **parameters)
+    except (TypeError, ValueError) as error:
+        raise error if isinstance(error, InputError) else InputError(f"{text!r}: {error}") from error
+    return Trial(text.strip(), made, tuple(fixed))
+
+
+def _value(text: str) -> int | float | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

@@ -1,0 +1,156 @@
+"""Sensors from their description."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sigmax.errors import InputError, unknown
+from sigmax.models import Sensor, sensors
+from sigmax.records.description import SensorPart
+from sigmax.records.motion import components
+from sigmax.records.noise import read_noise
+from sigmax.records.units import ANGLE, LENGTH, SPEED, Dimension, quantity
+from sigmax.records.userfile import Functions, is_reference
+
+
+class Sensing(NamedTuple):
+    """A sensor with what the edges know of it.
+
+    Attributes:
+        sensor: the sensor.
+        R: its noise.
+        dimensions: of what it measures, by component.
+        inputs: dimensions of its inputs by name; None where anything goes.
+        at: where the position it sees stands in the state.
+        origin: where it stands itself, None where it moves or is not of this kind.
+        kind: its kind.
+    """
+
+    sensor: Sensor
+    R: Any
+    dimensions: dict[str, Dimension]
+    inputs: dict[str, Dimension] | None
+    at: tuple[int, ...]
+    origin: tuple[float, ...] | None
+    kind: str
+
+
+_OPTIONS = {
+    "position": {"at"},
+    "range_only": {"at", "origin", "scale"},
+    "bearing": {"at", "origin"},
+    "camera_bearing": {"at"},
+    "range_azimuth": {"at", "origin", "radial_velocity"},
+}
+KINDS = tuple(_OPTIONS)
+_MEASURED = {"range": LENGTH, "azimuth": ANGLE, "elevation": ANGLE, "bearing": ANGLE, "radial_velocity": SPEED}
+
+
+def read_sensor(
+    part: SensorPart, where: str, state: tuple[str, ...], position: tuple[str, ...], functions: Functions
+) -> Sensing:
+    """One sensor with its noise, for a state of these names.
+
+    Raises:
+        InputError: for names, options, units and functions that do not fit.
+    """
+    own = is_reference(part.kind)
+    if not own and part.kind not in KINDS:
+        raise InputError(f"{where}.kind: {unknown('sensor', part.kind, KINDS)}; your own is written file.py:function")
+    for option in ("at", "origin", "scale", "radial_velocity", "measurement"):
+        allowed = {"measurement"} if own else _OPTIONS[part.kind]
+        if getattr(part, option) not in (None, False) and option not in allowed:
+            raise InputError(f"{where}.{option}: {'your own sensor' if own else part.kind} takes no {option!r}")
+    at = _places(part.at or list(position), state, f"{where}.at")
+    origin = None
+    if own:
+        made, dimensions, inputs = _own(part, where, functions)
+    else:
+        if not at:
+            raise InputError(f"{where} needs at = [names of the components that are the position]")
+        if part.origin is not None:
+            if len(part.origin) != len(at):
+                raise InputError(f"{where}.origin has {len(part.origin)} coordinates, the position {len(at)}")
+            origin = tuple(quantity(v, LENGTH, f"{where}.origin") for v in part.origin)
+        elif part.kind in ("bearing", "range_azimuth") or (part.kind == "range_only" and not part.inputs):
+            origin = (0.0,) * len(at)
+        made = _builtin(part, where, at, origin, state)
+        names = dict(zip(made.measurement, [state[i] for i in at], strict=True)) if part.kind == "position" else {}
+        dimensions = {name: LENGTH if names else _MEASURED[name] for name in made.measurement}
+        inputs = {name: ANGLE if "heading" in name else LENGTH for name in made.inputs}
+    R = read_noise(part.noise, dimensions, f"{where}.noise", functions)
+    return Sensing(made, R, dimensions, inputs, at, origin, part.kind)
+
+
+def _places(names: list[str], state: tuple[str, ...], where: str) -> tuple[int, ...]:
+    for name in names:
+        if name not in state:
+            raise InputError(f"{where}: {unknown('component', name, state)}")
+    return tuple(state.index(name) for name in names)
+
+
+def _builtin(
+    part: SensorPart, where: str, at: tuple[int, ...], origin: tuple[float, ...] | None, state: tuple[str, ...]
+) -> Sensor:
+    if part.kind == "position":
+        return sensors.position(at, [state[i] for i in at])
+    if part.kind == "range_only":
+        scale = None if part.scale is None else _places([part.scale], state, f"{where}.scale")[0]
+        return sensors.range_only(at, origin, scale)
+    if part.kind in ("bearing", "camera_bearing") and len(at) != 2:
+        raise InputError(f"{where}.at must be two components; it is {[state[i] for i in at]}")
+    if part.kind == "bearing":
+        return sensors.bearing(at, origin or (0.0, 0.0))
+    if part.kind == "camera_bearing":
+        return sensors.camera_bearing(at)
+    if len(at) not in (2, 3):
+        raise InputError(
+            f"{where}.at must be two components, or three with an elevation; it is {[state[i] for i in at]}"
+        )
+    velocity = polar = None
+    if part.radial_velocity:
+        cartesian = [f"v{state[i]}" for i in at]
+        if all(name in state for name in cartesian):
+            velocity = [state.index(name) for name in cartesian]
+        elif len(at) == 2 and "speed" in state and "course" in state:
+            polar = [state.index("speed"), state.index("course")]
+        else:
+            raise InputError(f"{where}.radial_velocity needs speed and course, or {', '.join(cartesian)}, in the state")
+    return sensors.range_azimuth(at, origin or (0.0,) * len(at), velocity, polar)
+
+
+def _own(part: SensorPart, where: str, functions: Functions) -> tuple[Sensor, dict[str, Dimension], None]:
+    if not part.measurement:
+        raise InputError(
+            f'{where} needs measurement = {{ name = "unit", … }}, such as {{ depth = "m" }}, with your own sensor'
+        )
+    names, dimensions = components(part.measurement, f"{where}.measurement")
+    made = Sensor(functions(part.kind, f"{where}.kind"), names, tuple(part.inputs))
+    return made, dict(zip(names, dimensions, strict=True)), None
+
+
+def first_position(sensing: Sensing, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (B, k) and their covariances (B, k, k) from measurements (B, m) of a sensor.
+
+    Raises:
+        InputError: where the sensor does not tell a position.
+    """
+    k = len(sensing.at)
+    R = sensing.R
+    if sensing.kind not in ("position", "range_azimuth") or callable(R):
+        raise InputError(
+            "a position comes from a sensor of the kind position or range_azimuth with a noise given in numbers"
+        )
+    R = np.diag(R) if np.ndim(R) == 1 else np.asarray(R)
+    if sensing.kind == "position":
+        return z, np.broadcast_to(R, (len(z), k, k))
+    distance, azimuth = z[:, 0], z[:, 1]
+    elevation = z[:, 2] if k == 3 else np.zeros(len(z))
+    level = np.cos(elevation)
+    along = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+    across = np.stack([-np.sin(azimuth), np.cos(azimuth), np.zeros(len(z))], axis=1) * (distance * level)[:, None]
+    up = np.stack([-np.sin(elevation) * np.cos(azimuth), -np.sin(elevation) * np.sin(azimuth), level], axis=1)
+    # The columns of the Jacobian of the position by range, azimuth and elevation.
+    J = np.stack([along, across, up * distance[:, None]], axis=2)[:, :k, :k]
+    place = np.asarray(sensing.origin) + distance[:, None] * along[:, :k]
+    return place, J @ R[:k, :k] @ J.swapaxes(1, 2)

@@ -1,0 +1,84 @@
+"""Running a trial on a record."""
+
+import time
+import traceback
+from dataclasses import dataclass
+
+import numpy as np
+
+from sigmax.errors import InputError
+from sigmax.records.record import Record, Trial
+from sigmax.rules import SigmaPoints
+from sigmax.running.edge import prepare
+from sigmax.running.result import Result
+from sigmax.running.run import run
+
+_KEPT = ("mean", "factor", "fault", "nis", "dof")
+# A run longer than this is not repeated to measure it without its compilation.
+_TIMED_AGAIN_BELOW = 20.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a trial.
+
+    Attributes:
+        trial: what was run.
+        result: the estimates (B, T, …), None where the filter could not be run at all.
+        seconds: the run, compiled.
+        compile_seconds: what the first call took longer; None where it was the only one, and is in `seconds`.
+        failure: why there is no result, empty where there is one.
+    """
+
+    trial: Trial
+    result: Result | None
+    seconds: float
+    compile_seconds: float | None
+    failure: str = ""
+
+
+def check(record: Record, trials: tuple[Trial, ...]) -> None:
+    """Refuse what can be known not to work, before anything long begins.
+
+    Raises:
+        InputError: with the trial or the function of the model that does not fit.
+    """
+    for trial in trials:
+        prior = record.prior_for(trial)
+        try:
+            # Checks of the engine look at the functions and the first step; the record itself is checked already.
+            z = {s: v[:, :1] for s, v in record.z.items()} if isinstance(record.z, dict) else record.z[:, :1]
+            inputs = None if record.inputs is None else record.inputs[:, :1]
+            prepare(trial.filter, record.model, prior, z, record.dt[:, :1], inputs, "float64")
+            for rule in (trial.filter.predict, trial.filter.correct):
+                if isinstance(rule, SigmaPoints):
+                    rule.points(record.model.size)
+        except InputError as error:
+            raise InputError(f"{trial.name}: {error}") from error
+        except Exception as error:
+            # A function of the user's file may fail in any way.
+            frame = traceback.extract_tb(error.__traceback__)[-1]
+            raise InputError(
+                f"{trial.name}: {type(error).__name__}: {error} (in {frame.filename}, line {frame.lineno})"
+            ) from error
+
+
+def track(record: Record, trial: Trial) -> Outcome:
+    """Run one filter over all tracks of a record; a failure is told in the outcome."""
+    prior = record.prior_for(trial)
+
+    def once() -> tuple[Result, float]:
+        started = time.perf_counter()
+        result = run(trial.filter, record.model, prior, record.z, dt=record.dt, inputs=record.inputs, keep=_KEPT)
+        # Looking at the numbers waits for them.
+        np.asarray(result.mean)
+        return result, time.perf_counter() - started
+
+    try:
+        result, first = once()
+        if first > _TIMED_AGAIN_BELOW:
+            return Outcome(trial, result, first, None)
+        result, second = once()
+    except Exception as error:
+        return Outcome(trial, None, float("nan"), None, f"{type(error).__name__}: {error}")
+    return Outcome(trial, result, second, max(first - second, 0.0))

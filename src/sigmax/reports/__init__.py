@@ -1,0 +1,7 @@
+"""Reports: scores, a verdict in words, and the folder with estimates, summary and page."""
+
+from sigmax.reports.folder import check_folder, write
+from sigmax.reports.score import Score, score
+from sigmax.reports.verdict import Grade, grade, verdict
+
+__all__ = ["Grade", "Score", "check_folder", "grade", "score", "verdict", "write"]

@@ -1,0 +1,8 @@
+"""The figures of the page, as the dictionaries that plotly.js draws."""
+
+from sigmax.reports.figures.components import component_figure
+from sigmax.reports.figures.draw import Figure, Shown, colour, limit, shown_in
+from sigmax.reports.figures.nis import nis_figure
+from sigmax.reports.figures.path import path_figure
+
+__all__ = ["Figure", "Shown", "colour", "component_figure", "limit", "nis_figure", "path_figure", "shown_in"]

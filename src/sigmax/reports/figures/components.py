@@ -1,0 +1,70 @@
+"""The components over time, with what the filter claims."""
+
+import numpy as np
+
+from sigmax.records import Outcome, Record
+from sigmax.reports.figures.draw import INK, Figure, colour, pale, plain, result_of, safe, shown_in, time_title, times
+from sigmax.reports.thin import thin
+
+
+def component_figure(record: Record, outcome: Outcome, track: int, index: int, points: int) -> Figure:
+    """Each component over time for one filter and track: its error where there is truth, else itself, with ±2σ."""
+    result, T = result_of(outcome), int(record.steps[track])
+    mean, deviation = result.mean[track, :T], result.std[track, :T]
+    error = result.errors(record.truth)[track, :T]
+    n = record.model.size
+    gap = 0.045
+    height = (1 - gap * (n - 1)) / n
+    data: list[Figure] = []
+    layout: Figure = {"height": 60 + 150 * n, "showlegend": False}
+    for i, (name, dimension) in enumerate(zip(record.model.state, record.dimensions, strict=True)):
+        factor, unit = shown_in(dimension)
+        known = not np.isnan(error[:, i]).all()
+        # An angle on its own runs on over ±π.
+        alone = np.unwrap(mean[:, i]) if record.model.angular[i] else mean[:, i]
+        value, middle = (error[:, i], np.zeros(T)) if known else (alone, alone)
+        at = thin(value, points)
+        x = times(record, track, at)
+        low, high = (factor * (middle + s * deviation[:, i])[at] for s in (-2, 2))
+        axis = "" if i == 0 else str(i + 1)
+        axes = {"xaxis": "x", "yaxis": f"y{axis}"}
+        band = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "x": x, **axes}
+        data.append(band | {"y": plain(low)})
+        data.append(band | {"y": plain(high), "fill": "tonexty", "fillcolor": pale(colour(index))})
+        line = {"color": colour(index), "width": 1.3}
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "x": x,
+                "y": plain(factor * value[at]),
+                "line": line,
+                "name": str(name),
+                **axes,
+            }
+        )
+        top = 1 - i * (height + gap)
+        title = f"{'error of ' if known else ''}{safe(str(name))}{f' [{unit}]' if unit else ''}"
+        layout[f"yaxis{axis}"] = {"domain": [max(top - height, 0), top], "range": _range(low, high, factor * value)}
+        layout.setdefault("annotations", []).append(
+            {
+                "text": title,
+                "xref": "paper",
+                "yref": "paper",
+                "x": 0,
+                "y": top,
+                "xanchor": "left",
+                "yanchor": "bottom",
+                "showarrow": False,
+                "font": {"size": 12, "color": INK},
+            }
+        )
+    layout["xaxis"] = {"title": {"text": time_title(record)}, "anchor": f"y{n if n > 1 else ''}"}
+    return {"data": data, "layout": layout}
+
+
+def _range(low: np.ndarray, high: np.ndarray, value: np.ndarray) -> list[float]:
+    """An axis that shows the whole series and the band, but not the width of a wide prior."""
+    reach = [np.nanmin(value), np.nanmax(value), *np.nanquantile(low, [0.05]), *np.nanquantile(high, [0.95])]
+    margin = 0.06 * (max(reach) - min(reach)) or 1.0
+    return [float(min(reach) - margin), float(max(reach) + margin)]

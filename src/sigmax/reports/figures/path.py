@@ -1,0 +1,106 @@
+"""The path: filters, truth, landmarks and ellipses."""
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from sigmax.records import Record
+from sigmax.reports.figures.draw import (
+    INK,
+    MUTED,
+    TRUTH,
+    Figure,
+    Shown,
+    colour,
+    joined,
+    limit,
+    line,
+    pale,
+    plain,
+    result_of,
+    safe,
+)
+from sigmax.reports.thin import stride
+from sigmax.running import Result
+
+_ELLIPSES = 36
+# Ellipses are drawn as polygons of so many points.
+_CORNERS = 32
+_KILOMETRES_FROM = 20_000.0
+
+
+def path_figure(record: Record, ran: Sequence[Shown], advised: int, apart: Collection[int]) -> Figure | None:
+    """The paths of all filters with truth, landmarks and the 2σ ellipses of the advised filter.
+
+    `ran` holds colour number, label and outcome; the advised one and those `apart` are shown at once,
+    the others when they are asked for. None where the position has fewer than two components.
+    """
+    if len(record.position) < 2:
+        return None
+    a, b = record.position[:2]
+    names = [str(record.model.state[i]) for i in (a, b)]
+    if names == ["north", "east"]:
+        # Maps have north above.
+        a, b, names = b, a, ["east", "north"]
+    points = limit(len(ran) * len(record.tracks))
+    rows = [(k, stride(int(n), points)) for k, n in enumerate(record.steps)]
+    extent = max(float(np.ptp(result_of(o).mean[..., i][record.real])) for _, _, o in ran for i in (a, b))
+    scale, unit = (1e-3, "km") if extent > _KILOMETRES_FROM else (1.0, "m")
+    data: list[Figure] = []
+    if not np.isnan(record.truth[..., [a, b]]).all():
+        x, y = (joined([record.truth[k, r, i] * scale for k, r in rows]) for i in (a, b))
+        data.append(line("truth", x, y, TRUTH, width=4, opacity=0.6))
+    for index, label, outcome in sorted(ran, key=lambda one: one[0] == advised):
+        mean = result_of(outcome).mean
+        x, y = (joined([mean[k, r, i] * scale for k, r in rows]) for i in (a, b))
+        drawn = line(label, x, y, colour(index), *((1.8, 1.0) if index == advised else (1.0, 0.75)))
+        # Filters that agree would lie on top of one another.
+        data.append(drawn if index == advised or index in apart else drawn | {"visible": "legendonly"})
+    for index, label, outcome in ran:
+        if index == advised:
+            x, y = _ellipses(record, result_of(outcome), (a, b), scale)
+            outline = line(f"2σ of {label}", x, y, INK, width=1.2)
+            data.append(outline | {"hoverinfo": "skip", "fill": "toself", "fillcolor": pale(colour(index), 0.35)})
+    if record.landmarks:
+        swapped = (1, 0) if record.position[0] == b else (0, 1)
+        at = [[place[i] * scale for place in record.landmarks.values()] for i in swapped]
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "markers+text",
+                "name": "landmarks",
+                "x": plain(at[0]),
+                "y": plain(at[1]),
+                "text": [safe(name) for name in record.landmarks],
+                "textposition": "top center",
+                "textfont": {"color": MUTED, "size": 11},
+                "cliponaxis": False,
+                "marker": {"symbol": "triangle-up", "size": 11, "color": INK},
+                "hoverinfo": "text",
+                "showlegend": False,
+            }
+        )
+    return {
+        "data": data,
+        "layout": {
+            "xaxis": {"title": {"text": f"{names[0]} [{unit}]"}},
+            "yaxis": {"title": {"text": f"{names[1]} [{unit}]"}, "scaleanchor": "x", "scaleratio": 1},
+            "height": 560,
+        },
+    }
+
+
+def _ellipses(record: Record, result: Result, places: tuple[int, int], scale: float) -> tuple[np.ndarray, np.ndarray]:
+    """Outlines of the 2σ ellipses along all tracks."""
+    each = max(3, _ELLIPSES // len(record.tracks))
+    shown = range(min(len(record.tracks), 4 * _ELLIPSES))
+    turn = np.linspace(0, 2 * np.pi, _CORNERS)
+    circle = 2 * np.stack([np.cos(turn), np.sin(turn)])
+    outlines = []
+    for k in shown:
+        for step in stride(int(record.steps[k]), each):
+            S = result.factor[k, step][list(places)]
+            values, vectors = np.linalg.eigh(S @ S.T)
+            ellipse = (vectors * np.sqrt(np.maximum(values, 0))) @ circle
+            outlines.append((result.mean[k, step][list(places), None] + ellipse) * scale)
+    return joined([o[0] for o in outlines]), joined([o[1] for o in outlines])

@@ -1,0 +1,170 @@
+"""The folder of a run: all of it, or none of it."""
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
+
+import sigmax
+from sigmax.errors import InputError
+from sigmax.records import Outcome, Record
+from sigmax.reports.page import page
+from sigmax.reports.score import Score
+from sigmax.reports.verdict import grade, verdict
+
+FILES = ("estimates.parquet", "summary.json", "report.html")
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a place where a result cannot be put without destroying something.
+
+    Raises:
+        InputError: for a file, a folder with other things in it, or a place that cannot be written.
+    """
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise InputError(f"{folder} is a {'link' if folder.is_symlink() else 'file'}; give --out a folder")
+    if folder.is_dir():
+        inside = sorted(p.name for p in folder.iterdir())
+        others = [name for name in inside if name not in FILES]
+        if others or (inside and not _ours(folder)):
+            raise InputError(
+                f"{folder} holds other things ({', '.join((others or inside)[:3])}) and would be replaced; "
+                "give --out a new or an empty folder"
+            )
+    above = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        raise InputError(f"{above} cannot be written to; give --out another folder")
+
+
+def _ours(folder: Path) -> bool:
+    try:
+        return "sigmax" in json.loads((folder / "summary.json").read_text(encoding="utf-8"))["versions"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def write(folder: Path, record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> None:
+    """Write estimates.parquet, summary.json and report.html; the folder appears whole or not at all.
+
+    Raises:
+        InputError: where something else is in the way (see `check_folder`), or the disk does not take it.
+    """
+    folder = folder.absolute()
+    check_folder(folder)
+    made = [p for p in folder.parents if not p.exists()]
+    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
+    try:
+        part.mkdir(parents=True)
+        _estimates(part / "estimates.parquet", record, outcomes)
+        told = json.dumps(summary(record, scores), indent=2, ensure_ascii=False, allow_nan=False)
+        (part / "summary.json").write_text(told + "\n", encoding="utf-8")
+        (part / "report.html").write_text(page(record, outcomes, scores), encoding="utf-8")
+        if folder.exists():
+            folder.rename(old)
+        part.rename(folder)
+    except BaseException as error:
+        # An interruption counts too: what was there before stays, what was begun goes.
+        shutil.rmtree(part, ignore_errors=True)
+        if old.exists() and not folder.exists():
+            old.rename(folder)
+        for above in made:
+            if above.is_dir() and not any(above.iterdir()):
+                above.rmdir()
+        if isinstance(error, OSError):
+            raise InputError(f"{folder} could not be written: {error}") from error
+        raise
+    finally:
+        if folder.exists():
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def versions() -> dict[str, str]:
+    """The versions that made a result."""
+    return {"sigmax": sigmax.__version__, "jax": version("jax"), "numpy": version("numpy")}
+
+
+def summary(record: Record, scores: Sequence[Score]) -> dict[str, Any]:
+    """The content of summary.json; numbers in SI and radians, null where there is none."""
+    units = {str(n): d.symbol for n, d in zip(record.model.state, record.dimensions, strict=True)}
+    return {
+        "record": record.name,
+        "title": record.title,
+        "verdict": verdict(scores)[0],
+        "tracks": len(record.tracks),
+        "steps": int(record.steps.sum()),
+        "units": units,
+        "filters": {s.name: _one(s) for s in scores},
+        "source": record.source,
+        "licence": record.licence,
+        "notes": list(record.notes),
+        "versions": versions(),
+    }
+
+
+def _one(score: Score) -> dict[str, Any]:
+    return {
+        "label": score.label,
+        "rmse_position_m": score.rmse_position_m,
+        "mean_nis": score.mean_nis,
+        "expected_nis": score.expected_nis,
+        "nis_bounds": score.nis_bounds,
+        "grade": grade(score).value,
+        "seconds": score.seconds,
+        "compile_seconds": score.compile_seconds,
+        "rmse": score.rmse,
+        "constants": {n: {"mean": m, "std": s} for n, (m, s) in (score.constants or {}).items()},
+        "measurements": score.measurements,
+        "log_likelihood": score.log_likelihood,
+        "faults": score.faults,
+        "first_fault": score.first_fault or None,
+        "failure": score.failure or None,
+    }
+
+
+def _estimates(path: Path, record: Record, outcomes: Sequence[Outcome]) -> None:
+    """One row a filter, track and step; the unit of a column is in the metadata of its field."""
+    real = record.real
+    seconds = record.time[real]
+    track = np.repeat(np.arange(len(record.tracks)), record.steps)
+    if record.epoch is None:
+        time: Any = pa.array(seconds)
+    else:
+        nanoseconds = record.epoch.value + np.round(seconds * 1e9).astype(np.int64)
+        time = pa.array(nanoseconds, pa.timestamp("ns", tz="UTC"))
+    symbols = [d.symbol for d in record.dimensions]
+    writer = None
+    try:
+        for outcome in outcomes:
+            if outcome.result is None:
+                continue
+            r = outcome.result
+            mean, deviation, truth = r.mean[real], r.std[real], record.truth[real]
+            names = pa.DictionaryArray.from_arrays(pa.array(track, pa.int32()), pa.array(record.tracks))
+            columns: dict[str, tuple[Any, str]] = {
+                "filter": (pa.array([outcome.trial.name] * len(track)).dictionary_encode(), ""),
+                "track": (names, ""),
+                "time": (time, "s" if record.epoch is None else ""),
+            }
+            for i, (name, symbol) in enumerate(zip(record.model.state, symbols, strict=True)):
+                columns[str(name)] = (pa.array(mean[:, i]), symbol)
+                columns[f"{name}_std"] = (pa.array(deviation[:, i]), symbol)
+                columns[f"{name}_truth"] = (pa.array(truth[:, i], from_pandas=True), symbol)
+            columns["nis"] = (pa.array(r.nis[real], from_pandas=True), "")
+            columns["dof"] = (pa.array(r.dof[real].astype(np.int32)), "")
+            columns["ok"] = (pa.array(r.ok[real]), "")
+            fields = [pa.field(n, c.type, metadata={"unit": unit}) for n, (c, unit) in columns.items()]
+            schema = pa.schema(fields, metadata={"record": record.name, "sigmax": sigmax.__version__})
+            table = pa.Table.from_arrays([c for c, _ in columns.values()], schema=schema)
+            writer = writer or parquet.ParquetWriter(path, schema)
+            writer.write_table(table)
+    finally:
+        if writer is not None:
+            writer.close()

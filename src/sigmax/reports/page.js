@@ -1,0 +1,41 @@
+(function () {
+  "use strict";
+  const figures = JSON.parse(document.getElementById("figures").textContent);
+  const touch = window.matchMedia("(pointer: coarse)").matches;
+  const narrow = function () { return window.innerWidth <= 620; };
+  const font = { family: "system-ui, -apple-system, 'Segoe UI', Roboto, Arial, sans-serif", size: 12, color: "#1f2933" };
+  const axis = { gridcolor: "#edf0f2", linecolor: "#c6ccd2", zerolinecolor: "#c6ccd2", ticks: "outside", tickcolor: "#c6ccd2", ticklen: 4, automargin: true };
+  const config = { responsive: true, displayModeBar: false };
+
+  function layoutOf(figure) {
+    const layout = Object.assign({
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "#ffffff", font: font, autosize: true,
+      margin: { l: 8, r: 10, t: 24, b: 8 }, hovermode: "closest",
+      // On a touch screen a finger on a figure scrolls the page.
+      dragmode: touch ? false : "zoom",
+      legend: { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", font: { size: 12 } }
+    }, figure.layout);
+    Object.keys(layout).filter(function (key) { return /^[xy]axis/.test(key); }).forEach(function (key) {
+      layout[key] = Object.assign({}, axis, layout[key]);
+    });
+    if (narrow() && layout.yaxis.scaleanchor) { layout.height = Math.min(layout.height, 460); }
+    return layout;
+  }
+
+  function draw(place, name) {
+    const figure = figures[name];
+    const element = document.getElementById(place);
+    if (!figure || !element) { return; }
+    Plotly.react(element, figure.data, layoutOf(figure), config).then(function () { element.dataset.drawn = name; });
+  }
+
+  draw("path", "path");
+  draw("nis", "nis");
+  const filter = document.getElementById("choose-filter"), track = document.getElementById("choose-track");
+  function components() { draw("components", "components/" + filter.value + "/" + (track ? track.value : 0)); }
+  if (filter) {
+    filter.addEventListener("change", components);
+    if (track) { track.addEventListener("change", components); }
+    components();
+  }
+})();

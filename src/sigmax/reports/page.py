@@ -1,0 +1,227 @@
+"""The page: everything in one file that opens without a network."""
+
+import json
+from collections.abc import Sequence
+from html import escape
+from importlib.metadata import version
+from importlib.resources import files
+
+import numpy as np
+from plotly.offline import get_plotlyjs
+
+import sigmax
+from sigmax.algebra.factor import Diagonal
+from sigmax.models.model import Noise
+from sigmax.records import Outcome, Record
+from sigmax.reports.figures import Figure, Shown, colour, component_figure, limit, nis_figure, path_figure, shown_in
+from sigmax.reports.score import Score
+from sigmax.reports.verdict import RULES, Grade, best, grade, nis_in_words, significant, verdict
+
+# Tracks whose components are drawn; the folder's estimates hold all of them.
+_TRACKS = 24
+_CLASS = {Grade.CONSISTENT: "good", Grade.NEAR: "near"}
+
+
+def page(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> str:
+    """The report as HTML."""
+    ran = [(i, s.label, o) for i, (o, s) in enumerate(zip(outcomes, scores, strict=True)) if o.result is not None]
+    chosen = best(scores)
+    advised = next((i for i, s in enumerate(scores) if s is chosen), ran[0][0] if ran else 0)
+    figures: dict[str, Figure] = {}
+    sections = [_verdict(record, scores), _table(scores)]
+    apart = {i for i, s in enumerate(scores) if not grade(s).believable}
+    path = path_figure(record, ran, advised, apart) if ran else None
+    if path is not None:
+        figures["path"] = path
+        sections.append(_path(record, scores[advised]))
+    if ran:
+        sections.append(_components(record, ran, advised, figures))
+        found = nis_figure(record, ran)
+        if found is not None:
+            figures["nis"], window = found
+            sections.append(_nis(window, len(record.tracks)))
+    sections += [_settings(record, outcomes, scores), _data(record)]
+    data = json.dumps(figures, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    here = files("sigmax.reports")
+    css, js = (here.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
+    tracks = "" if len(record.tracks) == 1 else f"{len(record.tracks)} tracks, "
+    about = f"Record {record.name}: {tracks}{int(record.steps.sum()):,} steps, {_duration(record)}."
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,">
+<title>{escape(record.title)} – sigmax</title>
+<style>{css}</style>
+</head>
+<body>
+<main>
+<h1>{escape(record.title)}</h1>
+<p class="quiet">{escape(about)} Tracked with sigmax {escape(sigmax.__version__)}.</p>
+{"".join(sections)}
+</main>
+<script>{get_plotlyjs()}</script>
+<script id="figures" type="application/json">{data}</script>
+<script>{js}</script>
+</body>
+</html>
+"""
+
+
+def _duration(record: Record) -> str:
+    seconds = float((record.time[np.arange(len(record.steps)), record.steps - 1] - record.time[:, 0]).max())
+    for unit, size in (("days", 86400 * 2), ("hours", 3600 * 2), ("minutes", 60 * 2)):
+        if seconds >= size:
+            return f"{significant(2 * seconds / size)} {unit}"
+    return f"{significant(seconds)} s"
+
+
+def _verdict(record: Record, scores: Sequence[Score]) -> str:
+    headline, sentences = verdict(scores)
+    chosen = best(scores)
+    if chosen is not None and chosen.constants:
+        found = [_estimate(record, name, *value) for name, value in chosen.constants.items()]
+        sentences = [*sentences, f"{chosen.label} found {', '.join(found)}."]
+    items = "".join(f"<li>{escape(s)}</li>" for s in sentences)
+    kind = "verdict" if chosen is not None else "verdict none"
+    return f'<section class="{kind}"><p class="lead">{escape(headline)}</p><ul>{items}</ul></section>'
+
+
+def _estimate(record: Record, name: str, mean: float, deviation: float) -> str:
+    factor, unit = shown_in(record.dimensions[record.model.state.index(name)])
+    digits = max(0, 1 - int(np.floor(np.log10(deviation * factor)))) if deviation > 0 else 4
+    return f"{name} = {mean * factor:.{digits}f} ± {deviation * factor:.{digits}f}{f' {unit}' if unit else ''}"
+
+
+def _table(scores: Sequence[Score]) -> str:
+    truth = any(s.rmse_position_m is not None for s in scores)
+    position = ["position RMSE"] if truth else []
+    heads = ["filter", *position, "mean NIS", "run time", "faults", "covariance"]
+    rows = []
+    for i, s in enumerate(scores):
+        graded = grade(s)
+        label = f'<span><span class="dot" style="background:{colour(i)}"></span>{escape(s.label)}</span>'
+        if s.failure:
+            rows.append([label, *["–"] * (len(heads) - 2), '<span class="bad">failed</span>'])
+            continue
+        mean, expected = nis_in_words(s)
+        nis = f'<span>{mean}<span class="small">expected {expected}</span></span>'
+        rows.append(
+            [
+                label,
+                *([f"{significant(s.rmse_position_m)} m" if s.rmse_position_m is not None else "–"] if truth else []),
+                nis,
+                _seconds(s),
+                str(s.faults),
+                f'<span class="{_CLASS.get(graded, "bad")}">{graded.value}</span>',
+            ]
+        )
+    body = "".join(f"<tr>{_cells(heads, row)}</tr>" for row in rows)
+    head = "".join(f"<th>{h}</th>" for h in heads)
+    rules = "".join(f"<p>{escape(rule)}</p>" for rule in RULES)
+    return (
+        f"<section><h2>Filters</h2><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        f'<details class="quiet"><summary>How to read this</summary>{rules}</details></section>'
+    )
+
+
+def _cells(heads: Sequence[str], row: Sequence[str]) -> str:
+    return "".join(f'<td data-label="{head}">{cell}</td>' for head, cell in zip(heads, row, strict=True))
+
+
+def _seconds(score: Score) -> str:
+    run = f"{significant(score.seconds or 0.0, 2)} s"
+    if score.compile_seconds is None:
+        return f'<span>{run}<span class="small">with compiling</span></span>'
+    if score.compile_seconds < 0.05:
+        return f'<span>{run}<span class="small">compiled before</span></span>'
+    return f'<span>{run}<span class="small">+ {significant(score.compile_seconds, 2)} s compiling</span></span>'
+
+
+def _path(record: Record, advised: Score) -> str:
+    third = " Seen from above." if len(record.position) > 2 else ""
+    many = " Long paths are drawn at evenly spaced steps." if record.steps.max() > limit(1) else ""
+    return (
+        f'<section><h2>Path</h2><p class="quiet">Ellipses hold two standard deviations of {escape(advised.label)} at '
+        f"some of its steps.{third}{many} Touch a name to show or hide it; drag to zoom, double click to return.</p>"
+        '<div id="path" class="plot"></div></section>'
+    )
+
+
+def _components(record: Record, ran: Sequence[Shown], advised: int, figures: dict[str, Figure]) -> str:
+    tracks = min(len(record.tracks), _TRACKS)
+    points = limit(len(ran) * tracks * record.model.size)
+    for index, _, outcome in ran:
+        for track in range(tracks):
+            figures[f"components/{index}/{track}"] = component_figure(record, outcome, track, index, points)
+    options = "".join(
+        f'<option value="{i}"{" selected" if i == advised else ""}>{escape(label)}</option>' for i, label, _ in ran
+    )
+    choose = f'<label>filter <select id="choose-filter">{options}</select></label>'
+    if tracks > 1:
+        by_track = "".join(f'<option value="{k}">{escape(record.tracks[k])}</option>' for k in range(tracks))
+        choose += f'<label>track <select id="choose-track">{by_track}</select></label>'
+    more = (
+        f" The first {tracks} of {len(record.tracks)} tracks are here, all of them in estimates.parquet."
+        if tracks < len(record.tracks)
+        else ""
+    )
+    thinned = (
+        f" Long series are thinned to {points} points: the least and the largest of equal stretches."
+        if record.steps.max() > points
+        else ""
+    )
+    known = ~np.isnan(record.truth[record.real]).all(0)
+    what = (
+        "The error of each component"
+        if known.all()
+        else "Each component's error, or the component itself where there is no truth,"
+        if known.any()
+        else "Each component"
+    )
+    return (
+        f'<section><h2>Components</h2><p class="quiet">{what} with the ±2σ the filter claims.{more}{thinned}</p>'
+        f'<div class="choose">{choose}</div><div id="components" class="plot"></div></section>'
+    )
+
+
+def _nis(window: int, tracks: int) -> str:
+    pooled = " of all tracks together" if tracks > 1 else ""
+    return (
+        f'<section><h2>Can the covariance be believed?</h2><p class="quiet">NIS divided by the number of measured '
+        f"components, averaged over the last {window} times with a measurement{pooled}. An honest filter stays "
+        f'about 1, mostly within the grey band (95 %).</p><div id="nis" class="plot"></div></section>'
+    )
+
+
+def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> str:
+    model = record.model
+    mean, cov = np.atleast_2d(record.prior.mean)[0], np.asarray(record.prior.cov).reshape(-1, model.size, model.size)[0]
+    prior = ", ".join(
+        _estimate(record, str(n), m, s) for n, m, s in zip(model.state, mean, np.sqrt(np.diag(cov)), strict=True)
+    )
+    each = " of the first track" if len(record.tracks) > 1 else ""
+    rows = [(f"prior{each}", prior), ("noise of the motion, per second", _noise(model.Q))]
+    rows += [(f"noise of {s or 'the sensor'}", _noise(R)) for s, R in model.R.items()]
+    for outcome, s in zip(outcomes, scores, strict=True):
+        f = outcome.trial.filter
+        rows.append((s.label, f"prediction {f.predict}, correction {f.correct}, form {f.form.name}"))
+    libraries = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "plotly"))
+    rows.append(("versions", f"sigmax {sigmax.__version__}, {libraries}"))
+    items = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in rows)
+    return f"<section><h2>Settings</h2><dl>{items}</dl></section>"
+
+
+def _noise(given: Noise) -> str:
+    if isinstance(given, Diagonal):
+        return "standard deviations " + ", ".join(f"{v:.4g}" for v in np.sqrt(np.asarray(given.entries)))
+    if callable(given):
+        return "a function"
+    return "covariance " + str(np.asarray(given).round(9).tolist())
+
+
+def _data(record: Record) -> str:
+    notes = "".join(f"<li>{escape(note)}</li>" for note in record.notes)
+    source = escape(record.source) + (f"; {escape(record.licence)}" if record.licence else "")
+    return f"<section><h2>Data</h2><p>{source}.</p>{f'<ul class=notes>{notes}</ul>' if notes else ''}</section>"

@@ -1,0 +1,124 @@
+"""What a trial is worth, in numbers."""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.stats import chi2
+
+from sigmax.algebra.factor import Diagonal
+from sigmax.models.model import takes
+from sigmax.records import Outcome, Record
+from sigmax.running import Fault, Result
+
+
+@dataclass(frozen=True)
+class Score:
+    """The numbers of one trial, over all real steps of all tracks.
+
+    Attributes:
+        name: of the trial as it was written.
+        label: the trial for tables.
+        rmse_position_m: None where there is no truth of the position.
+        rmse: by component, in SI, where there is truth.
+        mean_nis: over the steps with a measurement.
+        expected_nis: the mean number of measured components in such a step: what an honest filter shows.
+        nis_bounds: where 95 of 100 honest filters lie.
+        measurements: number of steps with a measurement.
+        log_likelihood: of all tracks together.
+        faults: number of steps that were not sound.
+        first_fault: the first of them in words.
+        constants: mean and standard deviation at the end of components without noise; of a single track only.
+        seconds: the run.
+        compile_seconds: the compilation before it, None where it is part of `seconds`.
+        failure: why there are no numbers at all.
+    """
+
+    name: str
+    label: str
+    rmse_position_m: float | None = None
+    rmse: dict[str, float] | None = None
+    mean_nis: float | None = None
+    expected_nis: float | None = None
+    nis_bounds: tuple[float, float] | None = None
+    measurements: int = 0
+    log_likelihood: float | None = None
+    faults: int = 0
+    first_fault: str = ""
+    constants: dict[str, tuple[float, float]] | None = None
+    seconds: float | None = None
+    compile_seconds: float | None = None
+    failure: str = ""
+
+
+def score(record: Record, outcome: Outcome) -> Score:
+    """The numbers of a trial on its record."""
+    name, label = outcome.trial.name, record.label(outcome.trial)
+    result = outcome.result
+    if result is None:
+        return Score(name, label, failure=outcome.failure)
+    real = record.real
+    error = result.errors(record.truth)[real]
+    known = ~np.isnan(error).all(0)
+    rmse = {n: rms(error[:, i]) for i, n in enumerate(record.model.state) if known[i]}
+    place = list(record.position)
+    dof = result.dof[real]
+    heard = dof > 0
+    count, total = int(heard.sum()), int(dof.sum())
+    bounds = (float(chi2.ppf(0.025, total)) / count, float(chi2.ppf(0.975, total)) / count) if count else None
+    faults, first = _faults(record, result)
+    return Score(
+        name=name,
+        label=label,
+        rmse_position_m=rms(np.sqrt((error[:, place] ** 2).sum(1))) if place and known[place].all() else None,
+        rmse={str(n): value for n, value in rmse.items()},
+        mean_nis=float(result.nis[real][heard].mean()) if count else None,
+        expected_nis=total / count if count else None,
+        nis_bounds=bounds,
+        measurements=count,
+        log_likelihood=float(np.sum(result.log_likelihood)),
+        faults=faults,
+        first_fault=first,
+        constants=_constants(record, result),
+        seconds=outcome.seconds,
+        compile_seconds=outcome.compile_seconds,
+    )
+
+
+def rms(values: np.ndarray) -> float:
+    """The root of the mean square, over what is known."""
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
+def _faults(record: Record, result: Result) -> tuple[int, str]:
+    places = np.argwhere((result.fault != 0) & record.real)
+    if not len(places):
+        return 0, ""
+    # The earliest step counts, whatever its track.
+    track, step = places[np.lexsort((places[:, 0], places[:, 1]))[0]]
+    cause = Fault(int(result.fault[track, step])).message
+    which = f"track {record.tracks[track]}, " if len(record.tracks) > 1 else ""
+    return len(places), f"{which}step {step} (t = {record.time[track, step]:.6g} s): {cause}"
+
+
+def _constants(record: Record, result: Result) -> dict[str, tuple[float, float]]:
+    """What a single track found out about components that its motion leaves without noise."""
+    if len(record.tracks) > 1:
+        return {}
+    still = np.flatnonzero(_noise_per_second(record) == 0)
+    mean, deviation = result.mean[0, -1], result.std[0, -1]
+    return {str(record.model.state[i]): (float(mean[i]), float(deviation[i])) for i in still}
+
+
+def _noise_per_second(record: Record) -> np.ndarray:
+    """The diagonal of Q, at the prior where it depends on the state."""
+    Q = record.model.Q
+    if isinstance(Q, Diagonal):
+        return np.asarray(Q.entries)
+    if callable(Q):
+        x = jnp.asarray(np.atleast_2d(record.prior.mean)[0])
+        u = () if record.inputs is None else (jnp.asarray(record.inputs[0, 0]),)
+        count = takes(Q, "Q", (1, 2, 3))
+        Q = Q(*((jnp.asarray(1.0),) if count == 1 else (x, jnp.asarray(1.0), *u)[:count]))
+    value = np.asarray(Q)
+    return value if value.ndim == 1 else np.diagonal(value)

@@ -1,0 +1,283 @@
+"""Scores, the verdict in words, and the page in a real browser."""
+
+import dataclasses
+import json
+import re
+import shutil
+import subprocess
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sigmax
+from sigmax.records import Outcome, Record, parse_trial
+from sigmax.reports import Grade, Score, grade, score, verdict
+from sigmax.reports.figures import nis_figure
+from sigmax.reports.page import page
+from sigmax.reports.thin import stride, thin
+from sigmax.reports.verdict import best, nis_in_words, significant
+from tests.own_records import tracked_radar
+
+
+def made(label: str, rmse: float | None, nis: float, **more: object) -> Score:
+    return Score(
+        label, label, rmse_position_m=rmse, mean_nis=nis, expected_nis=1.0, nis_bounds=(0.95, 1.05), seconds=1.0, **more
+    )
+
+
+def test_grades_follow_their_rules() -> None:
+    wanted = {
+        1.0: Grade.CONSISTENT,
+        1.05: Grade.CONSISTENT,
+        1.06: Grade.NEAR,
+        0.7: Grade.NEAR,
+        1.6: Grade.OVERCONFIDENT,
+        0.6: Grade.CAUTIOUS,
+    }
+    for nis, expected in wanted.items():
+        assert grade(made("a", 1.0, nis)) is expected
+    assert grade(made("a", 1.0, 1.0, faults=1, first_fault="step 3")) is Grade.FAULTY
+    assert grade(Score("a", "a", failure="ValueError: no")) is Grade.FAILED
+    assert grade(Score("a", "a")) is Grade.UNKNOWN
+
+
+def test_the_advice_is_the_best_of_those_that_can_be_believed() -> None:
+    scores = [
+        made("A", 0.31, 1.0),
+        made("B", 0.30, 0.98),
+        made("C", 0.302, 1.2),
+        made("D", 0.1, 16.2),
+        made("E", 0.2, 0.1),
+    ]
+    headline, sentences = verdict(scores)
+    assert headline == (
+        "Take B: position RMSE 0.3 m, the smallest of the 3 whose covariance can be believed. C is equally good."
+    )
+    assert sentences[0].startswith("B: mean NIS 0.98 against an expected 1, within its bounds")
+    assert sentences[1] == (
+        "D: mean NIS 16.2 against an expected 1: this filter's covariance cannot be believed; "
+        "its model lacks something. Measurements miss by 4.02 times what it claims. "
+        "Its position is off by 0.1 m (RMSE)."
+    )
+    assert "E: mean NIS 0.1 against an expected 1: too cautious" in sentences[2]
+
+
+def test_other_verdicts() -> None:
+    assert best([made("D", 0.1, 16.2)]) is None
+    assert verdict([made("D", 0.1, 16.2)])[0].startswith("D cannot be believed")
+    assert verdict([made("D", 0.1, 16.2), made("E", 0.2, 0.1)])[0].startswith("None of these filters can be believed")
+    assert verdict([made("A", 0.5, 1.0)])[0] == "A can be used: position RMSE 0.5 m."
+    assert verdict([made("A", 0.5, 1.0), made("D", 0.1, 9.0)])[0].startswith("Take A, the only one whose covariance")
+    # Without truth the likelihood decides.
+    known = [made("A", None, 1.0, log_likelihood=-50.0), made("B", None, 1.0, log_likelihood=-40.0)]
+    assert verdict(known)[0] == "Take B: the largest likelihood of the 2 whose covariance can be believed."
+    broken = made("F", 0.1, 1.0, faults=2, first_fault="step 7 (t = 3 s): Q is not positive semidefinite at this step")
+    assert "F broke down: 2 steps were not sound, the first at step 7" in verdict([made("A", 0.5, 1.0), broken])[1][1]
+    assert (
+        "G could not be run: ValueError: no"
+        in verdict([made("A", 0.5, 1.0), Score("G", "G", failure="ValueError: no")])[1][1]
+    )
+    assert verdict([Score("A", "A")])[0].startswith("Nothing was measured")
+
+
+def test_numbers_read_well() -> None:
+    assert [significant(v) for v in (0.0, 0.30001, 12345.6, 1e-7, 2.5e8, 100.0)] == [
+        "0",
+        "0.3",
+        "12300",
+        "1.00e-07",
+        "2.50e+08",
+        "100",
+    ]
+
+
+def test_bounds_are_shown_with_the_digits_they_need() -> None:
+    assert nis_in_words(made("A", 1.0, 16.2)) == ("16.2", "1 (0.95–1.05)")
+    many = Score("A", "A", mean_nis=1.9987654, expected_nis=2.0, nis_bounds=(1.99608, 2.00392))
+    assert nis_in_words(many) == ("1.9988", "2 (1.9961–2.0039)")
+    assert nis_in_words(Score("A", "A")) == ("–", "–")
+
+
+def test_thinning_keeps_what_stands_out() -> None:
+    y = np.sin(np.arange(100_000) / 900)
+    y[54_321], y[7] = 9.0, -9.0
+    at = thin(y, 1000)
+    assert len(at) <= 1000
+    assert (np.diff(at) > 0).all()
+    assert {7, 54_321} <= set(at)
+    assert thin(y[:50], 60).tolist() == list(range(50))
+    assert stride(5, 10).tolist() == [0, 1, 2, 3, 4]
+    assert stride(1000, 10)[[0, -1]].tolist() == [0, 999]
+
+
+@pytest.fixture
+def tracked() -> tuple[Record, list[Outcome], list[Score]]:
+    """Two tracks, one filter that works, the same with a speed fixed at 0, and one that could not be run."""
+    record, *ran = tracked_radar()
+    outcomes = [*ran, Outcome(parse_trial("SRCKFB"), None, float("nan"), None, "ValueError: </script> no")]
+    return record, outcomes, [score(record, o) for o in outcomes]
+
+
+def test_scores_are_what_they_say(tracked: tuple[Record, list[Outcome], list[Score]]) -> None:
+    record, outcomes, scores = tracked
+    result, s = outcomes[0].result, scores[0]
+    errors, nis = [], []
+    for k, T in enumerate(record.steps):
+        errors.append(result.mean[k, :T, :2] - record.truth[k, :T, :2])
+        nis.append(result.nis[k, :T])
+    nis = np.concatenate(nis)
+    assert s.rmse_position_m == pytest.approx(np.sqrt((np.concatenate(errors) ** 2).sum(1).mean()))
+    assert s.rmse["north"] == pytest.approx(np.sqrt((np.concatenate(errors)[:, 0] ** 2).mean()))
+    assert set(s.rmse) == {"north", "east"}
+    assert s.mean_nis == pytest.approx(np.nanmean(nis))
+    assert s.measurements == np.isfinite(nis).sum()
+    assert s.expected_nis == 2.0
+    # Bounds of a mean of chi-square variables, against draws.
+    draws = np.random.default_rng(0).chisquare(2, (20_000, s.measurements)).mean(1)
+    np.testing.assert_allclose(s.nis_bounds, np.quantile(draws, [0.025, 0.975]), rtol=0.02)
+    assert s.log_likelihood == pytest.approx(result.log_likelihood.sum())
+    assert (s.faults, s.failure, scores[2].failure) == (0, "", "ValueError: </script> no")
+
+
+def test_a_fault_is_told_with_track_step_and_reason(
+    tracked: tuple[Record, list[Outcome], list[Score]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record, outcomes, _ = tracked
+    fault = np.array(outcomes[0].result.fault)
+    # Step 25 of track B2 is padding.
+    fault[1, [12, 25]] = sigmax.Fault.SENSOR_NOISE_INDEFINITE
+    monkeypatch.setattr(sigmax.Smoothed, "fault", property(lambda _: fault))
+    s = score(record, outcomes[0])
+    assert s.faults == 1
+    assert s.first_fault == "track B2, step 12 (t = 24 s): R is not positive semidefinite at this step"
+
+
+def figures_of(html: str) -> dict:
+    return json.loads(re.search(r'<script id="figures" type="application/json">(.*?)</script>', html, re.S)[1])
+
+
+def test_the_page_holds_everything_and_loads_nothing(tracked: tuple[Record, list[Outcome], list[Score]]) -> None:
+    record, _, scores = tracked
+    html = page(*tracked)
+    assert html.count("plotly.js v") == 1
+    without_plotly = re.sub(r"<script>.*?</script>", "", html, flags=re.S)
+    assert not re.search(r"""(?:src|href)\s*=\s*["'](?!data:)""", without_plotly)
+    assert "<b>&</b>" not in without_plotly
+    text = unescape(re.sub(r"<[^>]+>", " ", without_plotly))
+    assert verdict(scores)[0] in text
+    assert "could not be run: ValueError" in text
+    figures = figures_of(html)
+    assert set(figures) == {"path", "nis", *(f"components/{i}/{k}" for i in (0, 1) for k in (0, 1))}
+    names = [trace["name"] for trace in figures["path"]["data"]]
+    assert names[0] == "truth"
+    assert "2σ of EKF" in names
+    assert "radar" in figures["path"]["data"][-1]["text"]
+    first = figures["components/0/0"]["data"]
+    assert len(first) == 3 * record.model.size
+    assert len(first[2]["y"]) == 30
+
+
+def test_the_moving_nis_is_an_average_over_tracks_and_times(
+    tracked: tuple[Record, list[Outcome], list[Score]],
+) -> None:
+    record, outcomes, _ = tracked
+    figure, window = nis_figure(record, [(0, "EKF", outcomes[0])])
+    nis, dof = (np.nan_to_num(v) for v in (outcomes[0].result.nis, outcomes[0].result.dof))
+    times = np.unique(record.time[(dof > 0) & record.real])
+    inside = (record.time >= times[0]) & (record.time <= times[window - 1]) & record.real
+    trace = next(t for t in figure["data"] if t["name"] == "EKF")
+    assert trace["x"][0] == times[window - 1]
+    assert trace["y"][0] == pytest.approx(nis[inside].sum() / dof[inside].sum(), rel=1e-6)
+
+
+def test_ellipses_hold_two_standard_deviations(tracked: tuple[Record, list[Outcome], list[Score]]) -> None:
+    _, outcomes, _ = tracked
+    figure = figures_of(page(*tracked))["path"]
+    trace = next(t for t in figure["data"] if t["name"] == "2σ of EKF")
+    pieces, piece = [], []
+    for x, y in [*zip(trace["x"], trace["y"], strict=True), (None, None)]:
+        if x is None:
+            pieces.append(np.array(piece))
+            piece = []
+        else:
+            piece.append((x, y))
+    mean, cov = outcomes[0].result.mean[0, 0], outcomes[0].result.cov[0, 0]
+    # East is drawn to the right, north upwards.
+    away = pieces[0][:, ::-1] - mean[:2]
+    np.testing.assert_allclose(np.einsum("ki,ij,kj->k", away, np.linalg.inv(cov[:2, :2]), away), 4.0, rtol=1e-3)
+
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+_PROBE_HEAD = """<script>
+window.problems = [];
+window.addEventListener("error", e => window.problems.push(String(e.message)));
+for (const level of ["error", "warn"]) {
+  const old = console[level]; console[level] = (...a) => { window.problems.push(a.join(" ")); old.apply(console, a); };
+}
+</script>"""
+_PROBE_TAIL = """<script>
+window.addEventListener("load", () => setTimeout(() => {
+  const select = document.getElementById("choose-track");
+  select.value = "1"; select.dispatchEvent(new Event("change"));
+  setTimeout(() => parent.postMessage(JSON.stringify({
+    problems: window.problems, width: window.innerWidth, scroll: document.documentElement.scrollWidth,
+    drawn: [...document.querySelectorAll(".plot")].map(p => [
+      p.id, p.dataset.drawn, p.querySelectorAll(".scatterlayer .trace").length, p.getBoundingClientRect().right]),
+  }), "*"), 1500);
+}, 1500));
+</script>"""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
+@pytest.mark.parametrize("width", [390, 1200])
+def test_the_page_in_a_browser(width: int, tracked: tuple[Record, list[Outcome], list[Score]], tmp_path: Path) -> None:
+    """Every figure is drawn, nothing complains, and nothing reaches beyond the screen."""
+    html = page(*tracked)
+    (tmp_path / "page.html").write_text(
+        html.replace("<head>", "<head>" + _PROBE_HEAD).replace("</body>", _PROBE_TAIL + "</body>")
+    )
+    # A window cannot be as narrow as a phone, a frame can.
+    (tmp_path / "frame.html").write_text(
+        '<!doctype html><body><pre id="told"></pre><script>'
+        'window.onmessage = e => document.getElementById("told").textContent = e.data</script>'
+        f'<iframe src="page.html" width="{width}" height="844" style="border:0"></iframe></body>'
+    )
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run"]
+    flags += [f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=20000", "--window-size=1400,900"]
+    command = [CHROMIUM, *flags, "--dump-dom", f"file://{tmp_path / 'frame.html'}"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    found = re.search(r'<pre id="told">(.+?)</pre>', done.stdout, re.S)
+    assert found, done.stderr[-2000:]
+    told = json.loads(unescape(found[1]))
+    assert told["problems"] == []
+    assert told["width"] == width
+    assert told["scroll"] <= width
+    assert {name: shown for name, shown, _, _ in told["drawn"]} == {
+        "path": "path",
+        "components": "components/0/1",
+        "nis": "nis",
+    }
+    for _, _, traces, right in told["drawn"]:
+        assert traces >= 3
+        assert right <= width
+
+
+def test_a_record_without_truth_and_map_has_a_page_too(tracked: tuple[Record, list[Outcome], list[Score]]) -> None:
+    record, outcomes, _ = tracked
+    bare = dataclasses.replace(
+        record,
+        truth=np.full_like(record.truth, np.nan),
+        position=(),
+        landmarks={},
+        epoch=sigmax.records.record.pd.Timestamp("2024-05-01", tz="UTC"),
+    )
+    scores = [score(bare, o) for o in outcomes[:1]]
+    assert scores[0].rmse_position_m is None
+    html = page(bare, outcomes[:1], scores)
+    figures = figures_of(html)
+    assert "path" not in figures
+    assert figures["components/0/0"]["data"][2]["x"][1] == "2024-05-01T00:00:02"
+    assert 'data-label="position RMSE"' not in html
