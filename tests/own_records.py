@@ -5,6 +5,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from sigmax.records import Outcome, Record, load, parse_trial, track
 
@@ -46,7 +47,8 @@ def radar_table() -> dict[str, list]:
             distance = np.hypot(north, east) + 30 * rng.standard_normal()
             azimuth = np.degrees(np.arctan2(east, north)) + 0.2 * rng.standard_normal()
             seen = k % 7 != 5
-            rows.append((2.0 * k, name, distance / 1e3 if seen else np.nan, azimuth if seen else np.nan, north / 1e3, east / 1e3))
+            measured = (distance / 1e3, azimuth) if seen else (np.nan, np.nan)
+            rows.append((2.0 * k, name, *measured, north / 1e3, east / 1e3))
     rows.sort(key=lambda row: row[0])
     names = ("t", "aircraft", "range_km", "azimuth_deg", "north_km", "east_km")
     return {name: [row[i] for row in rows] for i, name in enumerate(names)}
@@ -54,10 +56,7 @@ def radar_table() -> dict[str, list]:
 
 def write_csv(path: Path, columns: dict[str, list]) -> None:
     """A CSV file in which NaN is an empty field."""
-    lines = [",".join(columns)]
-    for row in zip(*columns.values(), strict=True):
-        lines.append(",".join("" if isinstance(v, float) and np.isnan(v) else f"{v:.6f}" if isinstance(v, float) else str(v) for v in row))
-    path.write_text("\n".join(lines) + "\n")
+    pd.DataFrame(columns).to_csv(path, index=False, float_format="%.6f")
 
 
 def write_radar(folder: Path, description: str = RADAR) -> Path:

@@ -96,7 +96,7 @@ def test_numbers_read_well() -> None:
 def test_bounds_are_shown_with_the_digits_they_need() -> None:
     assert nis_in_words(made("A", 1.0, 16.2)) == ("16.2", "1 (0.95–1.05)")
     many = Score("A", "A", mean_nis=1.9987654, expected_nis=2.0, nis_bounds=(1.99608, 2.00392))
-    assert nis_in_words(many) == ("1.9988", "2 (1.9961–2.0039)")
+    assert nis_in_words(many) == ("1.999", "2 (1.996–2.004)")
     assert nis_in_words(Score("A", "A")) == ("–", "–")
 
 

@@ -10,14 +10,19 @@ from sigmax.records.load import builtin
 def print_filters() -> None:
     """The catalogue as a table."""
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for head in ("name", "prediction", "correction", "form", "parameters", "what it is"):
+    for head in ("name", "rules", "form", "what it is"):
         table.add_column(head, no_wrap=head == "name")
     for name, entry in catalogue().items():
         made = get(name)
-        table.add_row(
-            name, str(made.predict), str(made.correct), made.form.name, ", ".join(entry.parameters), entry.about
-        )
+        rules = dict.fromkeys(_short(rule) for rule in (made.predict, made.correct))
+        parameters = f"; parameters {', '.join(entry.parameters)}" if entry.parameters else ""
+        table.add_row(name, " × ".join(rules), made.form.name, entry.about + parameters)
     Console().print(table)
+
+
+def _short(rule: object) -> str:
+    """The name of a rule and what it was made with."""
+    return str(rule).removeprefix("SigmaPoints(").removesuffix(")").removesuffix("(")
 
 
 def print_records() -> None:

@@ -148,7 +148,7 @@ def nis_in_words(score: Score) -> tuple[str, str]:
     if score.mean_nis is None or score.expected_nis is None or score.nis_bounds is None:
         return "–", "–"
     low, high = score.nis_bounds
-    digits = max(3, 2 + ceil(log10(score.expected_nis / (high - low))))
+    digits = max(3, 1 + ceil(log10(score.expected_nis / (high - low))))
     mean, low_text, high_text = (significant(v, digits) for v in (score.mean_nis, low, high))
     return mean, f"{significant(score.expected_nis)} ({low_text}–{high_text})"
 

@@ -1,0 +1,61 @@
+"""Whether everybody computes the same thing: nobody is timed doing something else."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from contenders import Entry
+from scenario import COURSE, Estimate
+
+# Largest difference of means and of covariances, in standard deviations, over all tracks and steps.
+TOLERANCE = 1e-6
+# Filters of different kinds agree in how far they are off, not in what they say.
+RMSE_FACTOR = 1.25
+
+
+class Answer(NamedTuple):
+    """What one entry computed.
+
+    Attributes:
+        entry: who.
+        rmse: root of the mean squared error of the position, metres.
+        reference: the entry of its kind that it is compared with, itself where it is the first.
+        apart: largest difference from it, in standard deviations.
+        good: within the tolerances.
+    """
+
+    entry: Entry
+    rmse: float
+    reference: str
+    apart: float
+    good: bool
+
+
+class Answers:
+    """Compares entries on the same measurements with the first one of their kind.
+
+    Args:
+        truth: (..., T, 5).
+    """
+
+    def __init__(self, truth: np.ndarray) -> None:
+        self.truth = truth
+        self.seen: list[Answer] = []
+        self._first: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
+
+    def look(self, entry: Entry, estimate: Estimate) -> None:
+        """Take down what an entry computed."""
+        mean, cov = np.asarray(estimate.mean), np.asarray(estimate.cov)
+        error = (mean - self.truth)[..., :2]
+        rmse = float(np.sqrt((error**2).sum(-1).mean()))
+        name, at, spread = self._first.setdefault(entry.kind, (entry.name, mean, cov))
+        deviation = np.sqrt(np.einsum("...ii->...i", spread))
+        gap = mean - at
+        gap[..., COURSE] -= 2 * np.pi * np.round(gap[..., COURSE] / (2 * np.pi))
+        apart = float(np.abs(gap / deviation).max())
+        for i in range(5):  # a row at a time: covariances of a large batch fill the memory as it is
+            scale = deviation[..., i, None] * deviation
+            apart = max(apart, float(np.abs((cov[..., i, :] - spread[..., i, :]) / scale).max()))
+        usual = self.seen[0].rmse if self.seen else rmse
+        good = apart < TOLERANCE and usual / RMSE_FACTOR < rmse < usual * RMSE_FACTOR
+        self.seen.append(Answer(entry, rmse, name, apart, good))
