@@ -134,33 +134,32 @@ def add(L: Matrix, A: jax.Array) -> jax.Array:
 
 
 def downdate(L: jax.Array, V: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Factor of L Lᵀ − V Vᵀ for V (n, q, ...), and whether it exists (...): O(n²) a column.
+    """Factor of L Lᵀ − V Vᵀ for V (n, q, ...), and whether it exists (...): O(n² q).
 
-    One hyperbolic rotation a column and row in mixed form (the J-orthogonal triangularisation).
-    Where the difference is not positive definite there is no real factor: unsound, never silent.
+    The J-orthogonal triangularisation: a hyperbolic rotation a row in mixed form for one column,
+    a hyperbolic reflection a row for several. Where the difference is not positive definite there is
+    no real factor: unsound, never silent.
     """
+    several = V.shape[1] > 1
     sound = jnp.ones(L.shape[2:], bool)
-    if V.shape[1] == 1:
-        return _downdated((L, sound), V[:, 0])[0]
-    # One column's code for all of them: written out, ten columns would take a compiler a minute.
-    return jax.lax.scan(_downdated, (L, sound), jnp.moveaxis(V, 1, 0))[0]
-
-
-def _downdated(given: tuple[jax.Array, jax.Array], v: jax.Array) -> tuple[tuple[jax.Array, jax.Array], None]:
-    L, sound = given
     columns = []
     for k in range(L.shape[0]):
-        pivot, head = L[k, k], v[0]
-        squared = (pivot - head) * (pivot + head)
-        harmless = (pivot == 0) & (head == 0)
-        new, positive = _safe_sqrt(squared)
-        sound &= positive | harmless
-        cosine = jnp.where(positive, new * _reciprocal(pivot, positive), 1)
-        sine = head * _reciprocal(pivot, positive)
-        below = (L[k + 1 :, k] - sine * v[1:]) / cosine
-        columns.append(jnp.concatenate([new[None], below]))
-        v = cosine * v[1:] - sine * below
-    return (_lower(columns), sound), None
+        pivot, beside, row, below = L[k, k], L[k + 1 :, k], V[0], V[1:]
+        size = _safe_sqrt((row * row).sum(0))[0] if several else row[0]
+        new, positive = _safe_sqrt((pivot - size) * (pivot + size))
+        sound &= positive | ((pivot == 0) & (size == 0))
+        if several:
+            head = pivot + new
+            weight = (beside * head - (below * row[None]).sum(1)) * _reciprocal(new * head, positive)
+            turned = jnp.where(positive, weight * head - beside, beside)
+            V = below - weight[:, None] * row[None]
+        else:
+            cosine = jnp.where(positive, new * _reciprocal(pivot, positive), 1)
+            sine = size * _reciprocal(pivot, positive)
+            turned = (beside - sine * below[:, 0]) / cosine
+            V = cosine * below - sine * turned[:, None]
+        columns.append(jnp.concatenate([new[None], turned]))
+    return _lower(columns), sound
 
 
 def solve_lower(L: jax.Array, b: jax.Array) -> jax.Array:

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.algebra.compiling import compiled
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.models.checks import finite, numbers
@@ -220,4 +221,4 @@ def _compiled(filter: Filter, structure: Any) -> tuple[Any, Any, Any]:
         belief, told, failed = see(leaves, moved, sensor, jnp.where(fault == 0, z, jnp.nan), R, u)
         return belief, told, jnp.where(fault == 0, failed, fault)
 
-    return jax.jit(move), jax.jit(see, static_argnums=2), jax.jit(both, static_argnums=2)
+    return compiled(move), compiled(see, static=(2,)), compiled(both, static=(2,))

@@ -3,13 +3,13 @@
 import os
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.algebra.compiling import compiled, tracing
 from sigmax.errors import unknown
 from sigmax.filters import Filter
 from sigmax.models.checks import is_traced
@@ -63,7 +63,10 @@ def run(
         if part not in PARTS:
             raise unknown("part of a result", part, PARTS)
     ready = prepare(chosen, model, prior, z, dt, inputs, dtype)
-    total, parts = _over_cores(chosen, frozenset(keep), ready)
+    if tracing() or is_traced(ready):
+        total, parts = jax.jit(scan, static_argnums=(0, 1))(chosen, frozenset(keep), *ready)
+    else:
+        total, parts = _over_cores(chosen, frozenset(keep), ready)
     batched = ready.mean.ndim == 2
     if batched or not is_traced(total):
         total, parts = jax.tree.map(batch_first if batched else np.asarray, (total, parts))
@@ -84,8 +87,8 @@ def _over_cores(filter: Filter, keep: frozenset[str], ready: Prepared) -> Parts:
     """A large batch in as many equal parts as there are cores: the compiler alone uses little more than one."""
     cores = os.cpu_count() or 1
     batch = ready.mean.shape[1] if ready.mean.ndim == 2 else 1
-    if is_traced(ready) or jax.default_backend() != "cpu" or cores == 1 or batch < cores * _SMALLEST_PART:
-        return scan(filter, keep, *ready)
+    if jax.default_backend() != "cpu" or cores == 1 or batch < cores * _SMALLEST_PART:
+        return compiled_scan(filter, keep, *ready)
     size = -(-batch // cores)
     # Equal parts share one compilation; the last one repeats some tracks to be as long as the others.
     starts = [min(i * size, batch - size) for i in range(cores)]
@@ -96,7 +99,7 @@ def _over_cores(filter: Filter, keep: frozenset[str], ready: Prepared) -> Parts:
             jax.tree.map(lambda a: a[..., start : start + size], value) if cut else value
             for value, cut in zip(ready, cuts, strict=True)
         )
-        return jax.block_until_ready(scan(filter, keep, *mine))
+        return jax.block_until_ready(compiled_scan(filter, keep, *mine))
 
     with ThreadPoolExecutor(cores) as pool:
         parts = list(pool.map(part, starts))
@@ -108,11 +111,10 @@ def _over_cores(filter: Filter, keep: frozenset[str], ready: Prepared) -> Parts:
     return jax.tree.map(joined, *parts)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
 def scan(
     filter: Filter, keep: frozenset[str], model: Model, mean: Any, factor: Any, z: dict[str, Any], dt: Any, u: Any
 ) -> Parts:
-    """The compiled run over a `Prepared` record: total log-likelihood and what is kept, batch last."""
+    """The run over a `Prepared` record: total log-likelihood and what is kept, batch last."""
     root = noise_root(model.Q)
 
     def step(carry: tuple[Belief, jax.Array], at: Prepared) -> tuple[tuple[Belief, jax.Array], dict[str, Any]]:
@@ -143,6 +145,9 @@ def scan(
     records = Prepared(model=None, mean=None, factor=None, z=z, dt=dt, u=u)  # type: ignore[arg-type]
     (_, total), parts = jax.lax.scan(step, (started, zero), records)
     return total, parts
+
+
+compiled_scan = compiled(scan, static=(0, 1))
 
 
 def _corrected(

@@ -1,6 +1,5 @@
 """Fixed-interval smoothing from the same quantities as filtering."""
 
-from functools import partial
 from typing import Any
 
 import jax
@@ -8,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.arrays import lift, outer, product, times, wrap
+from sigmax.algebra.compiling import compiled, tracing
 from sigmax.algebra.factor import Matrix, dense, downdate, inverse_lower, solve_lower, tria
 from sigmax.filters import Filter
 from sigmax.models.checks import is_traced
@@ -43,14 +43,18 @@ def smooth(filter: Filter | str, model: Model, result: Result, *, dt: Any = 1.0,
     kept = (result.mean, result.factor, result.fault)
     mean, factor, fault = (jnp.moveaxis(a, 0, -1) if batched else a for a in kept)
     elapsed, u = laid_out_steps(model, dt, inputs, mean.shape[0], mean.dtype)
-    made = _scan(chosen, cast(model, mean.dtype), mean, factor, fault, elapsed, u)
+    inside = tracing() or is_traced((mean, model, elapsed, u))
+    made = (_backwards if inside else _compiled_backwards)(
+        chosen, cast(model, mean.dtype), mean, factor, fault, elapsed, u
+    )
     if batched or not is_traced(made):
         made = jax.tree.map(batch_first if batched else np.asarray, made)
     return Smoothed(result.layout, *made)
 
 
-@partial(jax.jit, static_argnums=0)
-def _scan(filter: Filter, model: Model, mean: Any, factor: Any, fault: Any, dt: Any, u: Any) -> tuple[Any, Any, Any]:
+def _backwards(
+    filter: Filter, model: Model, mean: Any, factor: Any, fault: Any, dt: Any, u: Any
+) -> tuple[Any, Any, Any]:
     noise = noise_root(model.Q)
 
     def back(later: tuple[Any, Any], at: Any) -> tuple[tuple[Any, Any], Any]:
@@ -72,6 +76,9 @@ def _scan(filter: Filter, model: Model, mean: Any, factor: Any, fault: Any, dt: 
         jnp.concatenate([S, last[1][None]]),
         jnp.concatenate([failed, none]),
     )
+
+
+_compiled_backwards = compiled(_backwards, static=(0,))
 
 
 def _back(
