@@ -32,7 +32,8 @@ def markdown(section: Section) -> str:
     """A section as Markdown."""
     rule = ["---:" if _numeric(section, k) else ":---" for k in range(len(section.columns))]
     lines = [f"| {' | '.join(cells)} |" for cells in (section.columns, rule, *section.rows)]
-    return "\n".join([f"### {section.title}", "", section.note, "", *lines, ""])
+    note = [section.note, ""] if section.note else []
+    return "\n".join([f"### {section.title}", "", *note, *lines, ""])
 
 
 def _numeric(section: Section, column: int) -> bool:

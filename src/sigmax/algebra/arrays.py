@@ -13,6 +13,8 @@ import numpy as np
 
 # Filters subtract nearly equal numbers for a living: double precision is the default of the library.
 jax.config.update("jax_enable_x64", True)
+# Handing a step of microseconds to another thread costs more than the step.
+jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 TWO_PI = 2.0 * np.pi
 # Above this many non-zero coefficients a static contraction is left to a matrix product.

@@ -55,18 +55,22 @@ def _check_noise(label: str, function: Any, arguments: tuple[Any, ...], size: in
     symmetric_semidefinite(f"{label}(…) at the start", np.diag(value) if value.ndim == 1 else value)
 
 
+@functools.lru_cache(maxsize=512)
+def _evaluated_shape(function: Any, arguments: tuple[Any, ...]) -> tuple[int, ...]:
+    """The shape a function gives; found once, because tracing costs more than a short run."""
+    return jax.eval_shape(lambda *a: jnp.asarray(function(*a)), *arguments).shape
+
+
 def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, names: Any) -> None:
     try:
-        made = jax.eval_shape(lambda *a: jnp.asarray(function(*a)), *arguments)
+        shape = _evaluated_shape(function, arguments)
     except Exception as error:
         error.add_note(
             f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}"
         )
         raise
-    if made.shape != (size,):
-        raise InputError(
-            f"{what} must return the {size} components {list(names)}, shape ({size},); it returns {made.shape}"
-        )
+    if shape != (size,):
+        raise InputError(f"{what} must return the {size} components {list(names)}, shape ({size},); it returns {shape}")
 
 
 def check_linear(model: Model, prior: Gaussian, dt: Any, u: Any) -> None:
