@@ -31,7 +31,7 @@ def dense(M: Matrix) -> jax.Array:
     return jnp.stack([jnp.stack([M.entries[i] if i == j else zero for j in range(n)]) for i in range(n)])
 
 
-def _safe_sqrt(a: jax.Array) -> tuple[jax.Array, jax.Array]:
+def safe_sqrt(a: jax.Array) -> tuple[jax.Array, jax.Array]:
     """√a with the derivative 0 where a ≤ 0, and where a > 0."""
     positive = a > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, a, 1)), 0), positive
@@ -65,7 +65,7 @@ def cholesky(P: jax.Array) -> tuple[jax.Array, jax.Array]:
         sound &= pivot >= -rounding * growth * jnp.abs(variance[j])
         usable = pivot > rounding * variance[j]
         growth = jnp.maximum(growth, jnp.where(usable, variance[j] * _reciprocal(pivot, usable), 1))
-        diagonal, _ = _safe_sqrt(jnp.where(usable, pivot, 0))
+        diagonal, _ = safe_sqrt(jnp.where(usable, pivot, 0))
         below = P[1:, 0] * _reciprocal(diagonal, usable)
         columns.append(jnp.concatenate([diagonal[None], below]))
         P = P[1:, 1:] - below[:, None] * below[None]
@@ -82,7 +82,7 @@ def tria(A: jax.Array) -> jax.Array:
     for _ in range(A.shape[0]):
         row, below = A[0], A[1:]
         squared = (row * row).sum(0)
-        norm, nonzero = _safe_sqrt(squared)
+        norm, nonzero = safe_sqrt(squared)
         turn = jnp.where(row[0] >= 0, 1.0, -1.0).astype(A.dtype)
         head = row[0] + turn * norm
         mirror = jnp.concatenate([head[None], row[1:]])
@@ -111,7 +111,7 @@ def absorb(L: Matrix, A: jax.Array, B: jax.Array) -> Absorbed:
     for k in range(m):
         pivot = L.entries[k] if isinstance(L, Diagonal) else L[k, k]
         row, below = A[0], A[1:]
-        norm, nonzero = _safe_sqrt(pivot * pivot + (row * row).sum(0))
+        norm, nonzero = safe_sqrt(pivot * pivot + (row * row).sum(0))
         head = pivot + norm
         scale = _reciprocal(norm * head, nonzero)
         weight = (below * row[None]).sum(1)
@@ -145,8 +145,8 @@ def downdate(L: jax.Array, V: jax.Array) -> tuple[jax.Array, jax.Array]:
     columns = []
     for k in range(L.shape[0]):
         pivot, beside, row, below = L[k, k], L[k + 1 :, k], V[0], V[1:]
-        size = _safe_sqrt((row * row).sum(0))[0] if several else row[0]
-        new, positive = _safe_sqrt((pivot - size) * (pivot + size))
+        size = safe_sqrt((row * row).sum(0))[0] if several else row[0]
+        new, positive = safe_sqrt((pivot - size) * (pivot + size))
         sound &= positive | ((pivot == 0) & (size == 0))
         if several:
             head = pivot + new

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from sigmax.algebra.arrays import lift, spread
-from sigmax.algebra.factor import Diagonal, Matrix, cholesky
+from sigmax.algebra.factor import Diagonal, Matrix, cholesky, safe_sqrt
 from sigmax.models.model import Model, Noise, takes
 from sigmax.rules.linearization import Function
 
@@ -31,7 +31,7 @@ def noise_root(Q: Noise) -> Matrix | None:
     if callable(Q):
         return None
     if isinstance(Q, Diagonal):
-        return Diagonal(_root(Q.entries))
+        return Diagonal(safe_sqrt(Q.entries)[0])
     return cholesky(jnp.asarray(Q))[0]
 
 
@@ -40,7 +40,7 @@ def motion_noise(model: Model, root: Matrix | None, x: jax.Array, dt: jax.Array,
     batch = x.shape[1:]
     if root is None:
         return _factored(*_evaluated(model.Q, x, (dt, 0), u), batch)
-    elapsed = _root(dt)
+    elapsed = safe_sqrt(dt)[0]
     if isinstance(root, Diagonal):
         entries = spread(root.entries, 1, batch) * elapsed
         return Diagonal(entries), jnp.isfinite(elapsed) & jnp.ones(batch, bool)
@@ -66,7 +66,7 @@ def _factored(value: jax.Array, batched: int, batch: tuple[int, ...]) -> Noisy:
     """Factor of an evaluated noise, variances (n, ...) or a covariance (n, n, ...)."""
     if value.ndim - batched == 1:
         entries = spread(value, 1, batch)
-        return Diagonal(_root(entries)), (entries >= 0).all(0)
+        return Diagonal(safe_sqrt(entries)[0]), (entries >= 0).all(0)
     factor, sound = cholesky(value)
     return spread(factor, 2, batch), jnp.broadcast_to(sound, batch)
 
@@ -94,8 +94,3 @@ def _evaluated(
     if all(axis is None for axis in axes):
         return single(*values), 0
     return jax.vmap(single, in_axes=axes, out_axes=-1)(*values), 1
-
-
-def _root(a: jax.Array) -> jax.Array:
-    positive = a > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, a, 1)), 0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from sigmax.algebra.arrays import lift, outer, product, times, wrap
 from sigmax.algebra.compiling import compiled, tracing
-from sigmax.algebra.factor import Matrix, dense, downdate, inverse_lower, solve_lower, tria
+from sigmax.algebra.factor import Diagonal, Matrix, dense, downdate, inverse_lower, solve_lower, tria
 from sigmax.filters import Filter
 from sigmax.models.checks import is_traced
 from sigmax.models.evaluate import motion_noise, moving, noise_root
@@ -95,7 +95,7 @@ def _back(
     # A component known exactly has a zero pivot and takes no part.
     pivot = jnp.stack([predicted[i, i] for i in range(x.shape[0])])
     known = pivot <= 0
-    safe = predicted + jnp.where(known, 1, 0)[:, None] * dense_identity(x)
+    safe = predicted + dense(Diagonal(jnp.where(known, 1, 0).astype(x.dtype)))
     half = jnp.where(known[:, None], 0, solve_lower(safe, outer(line.slope, S)))
     gain = product(half.swapaxes(0, 1), inverse_lower(safe))
     later_mean, later_factor = later
@@ -117,9 +117,3 @@ def _in_domain(model: Model, line: Linearization, Lq: Any) -> tuple[Linearizatio
     turn = jax.vmap(derivative, in_axes=1, out_axes=1)
     deficit = turn(line.deficit) if line.deficit.shape[1] else line.deficit
     return Linearization(wrap(mean, model.angular), turn(line.slope), line.residual, deficit), turn(rest)
-
-
-def dense_identity(x: Any) -> Any:
-    """The unit matrix (n, n, ...) in the batch and type of x (n, ...)."""
-    one = jnp.eye(x.shape[0], dtype=x.dtype)
-    return jnp.broadcast_to(one.reshape(one.shape + (1,) * (x.ndim - 1)), (*one.shape, *x.shape[1:]))
