@@ -84,9 +84,9 @@ class Live:
 
     def predict(self, dt: float, u: Any = None) -> None:
         """Move the state dt seconds on, with inputs u (k,) where the motion takes them."""
-        if not dt >= 0:
-            raise InputError(f"dt must be a number of seconds, not negative; it is {dt}")
-        self._belief, self._fault = self._predict(self._leaves, self._belief, self._cast(dt), self._inputs(u, "motion"))
+        self._belief, self._fault = self._predict(
+            self._leaves, self._belief, self._seconds(dt), self._inputs(u, "motion")
+        )
 
     def update(self, z: Any, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """Correct with a measurement z (m,) or (B, m), NaN where a component is missing.
@@ -101,7 +101,7 @@ class Live:
             Residual, factor of its covariance, NIS and log-likelihood.
         """
         name, value = self._measurement(z, sensor)
-        used = self.model.R[name] if R is None else self._noise(name, R)
+        used = self._noise(name, R)
         out = self._update(self._leaves, self._belief, name, value, used, self._inputs(u, "sensor", name))
         self._belief, told, self._fault = out
         return self._told(told)
@@ -115,7 +115,7 @@ class Live:
                 "name the components of the measurement in the model: R is a function and does not count them"
             )
         nothing = np.zeros((len(names), *self._belief.mean.shape[1:]), self._dtype)
-        used = self.model.R[name] if R is None else self._noise(name, R)
+        used = self._noise(name, R)
         _, told, _ = self._update(self._leaves, self._belief, name, nothing, used, self._inputs(u, "sensor", name))
         told = self._told(told)
         S = np.asarray(told.factor)
@@ -123,12 +123,10 @@ class Live:
 
     def step(self, z: Any, dt: float, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """`predict(dt)` and `update(z)` in one compiled call."""
-        if not dt >= 0:
-            raise InputError(f"dt must be a number of seconds, not negative; it is {dt}")
         name, value = self._measurement(z, sensor)
-        used = self.model.R[name] if R is None else self._noise(name, R)
+        used = self._noise(name, R)
         inputs = self._inputs(u, "motion", name)
-        out = self._step(self._leaves, self._belief, name, self._cast(dt), value, used, inputs)
+        out = self._step(self._leaves, self._belief, name, self._seconds(dt), value, used, inputs)
         self._belief, told, self._fault = out
         return self._told(told)
 
@@ -161,6 +159,11 @@ class Live:
     def _cast(self, value: Any) -> np.ndarray:
         return np.asarray(value, self._dtype)
 
+    def _seconds(self, dt: float) -> np.ndarray:
+        if not dt >= 0:
+            raise InputError(f"dt must be a number of seconds, not negative; it is {dt}")
+        return self._cast(dt)
+
     def _told(self, told: Innovation) -> Innovation:
         return Innovation(*map(batch_first, told)) if self._batched else told
 
@@ -188,6 +191,8 @@ class Live:
         return sensor, value.T if self._batched else value
 
     def _noise(self, sensor: str, R: Any) -> Any:
+        if R is None:
+            return self.model.R[sensor]
         return cast(noise("R", R, self.model.measurement[sensor]), self._dtype)
 
     def _inputs(self, u: Any, what: str, sensor: str | None = None) -> Any:
