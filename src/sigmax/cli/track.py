@@ -1,7 +1,10 @@
 """`sigmax track`."""
 
-from collections.abc import Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 from rich.console import Console
 from rich.markup import escape
@@ -38,15 +41,17 @@ def track_record(name: str, filters: Sequence[str], out: Path | None) -> None:
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=errors, transient=True) as progress:
+    with _interruptible() as heed, Progress(*columns, console=errors, transient=True) as progress:
         task = progress.add_task("", total=len(trials))
         for trial in trials:
             progress.update(task, description=escape(f"{record.name}: {record.label(trial)}"))
             outcomes.append(track(record, trial))
+            heed()
             progress.advance(task)
         progress.update(task, description="writing the report")
         scores = [score(record, outcome) for outcome in outcomes]
         worked = any(outcome.result is not None for outcome in outcomes)
+        heed()
         if worked:
             write(folder, record, outcomes, scores)
     console.print(_table(record, scores))
@@ -57,6 +62,31 @@ def track_record(name: str, filters: Sequence[str], out: Path | None) -> None:
     if not worked:
         raise SystemExit(1)
     console.print(f"\nReport: {escape(str(folder / 'report.html'))}", highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def _interruptible() -> Iterator[Callable[[], None]]:
+    """Gives a check to be made between long pieces of work.
+
+    An interrupt that comes while a compiler is at work is raised wherever Python wakes up next, at worst
+    in a callback that swallows it: it is remembered, and the check raises it again.
+    """
+    told = False
+
+    def interrupted(number: int, frame: FrameType | None) -> None:
+        nonlocal told
+        told = True
+        raise KeyboardInterrupt
+
+    def heed() -> None:
+        if told:
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, interrupted)
+    try:
+        yield heed
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _table(record: Record, scores: Sequence[Score]) -> Table:
