@@ -185,7 +185,7 @@ def test_ctrl_c_ends_a_run_without_a_trace(tmp_path: Path) -> None:
     description = (tmp_path / "radar.toml").read_text()
     (tmp_path / "radar.toml").write_text(
         re.sub(
-            r"\[motion\][^[]*",
+            r"(?s)\[motion\].*?(?=\[sensors)",
             '[motion]\nkind = "slow.py:motion"\n'
             'state = { north = "m", east = "m", vnorth = "m/s", veast = "m/s" }\n'
             "noise = { north = 1, east = 1, vnorth = 1, veast = 1 }\n\n",
