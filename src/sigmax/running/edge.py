@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.factor import cholesky
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter, get
 from sigmax.models.checks import finite, is_traced, numbers
@@ -17,26 +16,25 @@ from sigmax.running.functions import check_functions, check_linear
 
 
 class Prepared(NamedTuple):
-    """A record ready to run: time first, batch last or absent.
+    """A record ready to run, in the type of the run: the batch first where there is one, then time.
 
     Attributes:
         model: with its noises in the type of the run.
-        mean: (n,) or (n, B).
-        factor: (n, n) or (n, n, B).
-        z: by sensor, (T, m) or (T, m, B).
-        dt: (T,) or (T, B).
-        u: (T, k) or (T, k, B), or None.
+        mean: (n,) or (B, n).
+        cov: (n, n) or (B, n, n).
+        z: by sensor, (T, m) or (B, T, m).
+        dt: (T,) or (B, T).
+        u: (T, k) or (B, T, k), or None.
+        batch: B, or None; what has no batch of its own is the same for all tracks.
     """
 
     model: Model
     mean: Any
-    factor: Any
+    cov: Any
     z: dict[str, Any]
     dt: Any
     u: Any
-
-
-_factor = jax.jit(cholesky)
+    batch: int | None
 
 
 def as_filter(filter: Filter | str) -> Filter:
@@ -75,53 +73,66 @@ def prepare(filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inpu
     if len(set(batches.values())) > 1:
         raise InputError(f"the batches differ in size: {batches}")
     batch = next(iter(batches.values()), None)
-    dtype = jnp.dtype(dtype)
-    if dtype not in (jnp.float64, jnp.float32):
-        raise InputError(f"dtype must be float64 or float32, it is {dtype}")
+    dtype = run_type(dtype)
     check_functions(model, prior, elapsed, u, {s: v.shape[-1] for s, v in measured.items()})
     if filter.linear:
         check_linear(model, prior, elapsed, u)
 
-    mean, factor = _batch_last(prior.mean, 1, dtype), start_factor(filter, _batch_last(prior.cov, 2, dtype))
-    if batch is not None:
-        mean = mean if mean.ndim == 2 else jnp.repeat(mean[:, None], batch, 1)
-        factor = factor if factor.ndim == 3 else jnp.repeat(factor[:, :, None], batch, 2)
-        measured = {s: v if v.ndim == 3 else jnp.repeat(jnp.asarray(v)[None], batch, 0) for s, v in measured.items()}
     return Prepared(
         cast(model, dtype),
-        mean,
-        factor,
-        {s: _batch_last(v, 2, dtype) for s, v in measured.items()},
-        _batch_last(elapsed, 1, dtype),
-        None if u is None else _batch_last(u, 2, dtype),
+        typed(prior.mean, dtype),
+        starting_cov(filter, prior, dtype),
+        {s: typed(v, dtype) for s, v in measured.items()},
+        typed(elapsed, dtype),
+        None if u is None else typed(u, dtype),
+        batch,
     )
 
 
 def laid_out_steps(model: Model, dt: Any, inputs: Any, T: int, dtype: Any) -> tuple[Any, Any]:
-    """Dt (T,) or (T, B) and inputs (T, k) or (T, k, B) of a run, checked."""
+    """Dt (T,) or (B, T) and inputs (T, k) or (B, T, k) of a run, checked and in its type."""
     elapsed, u = _elapsed(dt, T), _inputs(model, inputs, T)
-    return _batch_last(elapsed, 1, dtype), None if u is None else _batch_last(u, 2, dtype)
+    return typed(elapsed, dtype), None if u is None else typed(u, dtype)
 
 
-def _batch_last(a: Any, core: int, dtype: Any) -> Any:
-    """An array with the batch behind its `core` axes, in the type of the run."""
-    a = jnp.asarray(a, dtype)
-    return jnp.moveaxis(a, 0, -1) if a.ndim > core else a
+def run_type(dtype: Any) -> np.dtype[Any]:
+    """The type of a run.
+
+    Raises:
+        InputError: for anything but float64 and float32.
+    """
+    found = np.dtype(dtype)
+    if found not in (np.float64, np.float32):
+        raise InputError(f"dtype must be float64 or float32, it is {found}")
+    return found
 
 
-def start_factor(filter: Filter, cov: Any) -> Any:
-    """The factor of a prior's covariance (n, n, ...)."""
-    factor, _ = _factor(cov)
-    if "information" in filter.form.name and not is_traced(factor):
-        smallest = np.einsum("ii...->i...", np.asarray(factor)).min()
-        if not smallest > 0:
+def typed(a: Any, dtype: Any) -> Any:
+    """An array in the type of a run: of NumPy where its numbers are known."""
+    return jnp.asarray(a, dtype) if is_traced(a) else np.asarray(a, dtype)
+
+
+def starting_cov(filter: Filter, prior: Gaussian, dtype: Any) -> Any:
+    """The covariance of a prior, in the type of the run.
+
+    Raises:
+        InputError: where the filter needs its inverse and it has none.
+    """
+    cov = typed(prior.cov, dtype)
+    if "information" in filter.form.name and not is_traced(cov):
+        deviation = np.sqrt(np.einsum("...ii->...i", np.asarray(cov, float)))
+        known = not deviation.min() > 0
+        if not known:
+            scaled = np.asarray(cov, float) / (deviation[..., :, None] * deviation[..., None, :])
+            known = not np.linalg.eigvalsh(scaled).min() > 0
+        if known:
             raise InputError("an information filter needs a prior in which no component is known exactly (variance 0)")
-    return factor
+    return cov
 
 
 def cast(model: Model, dtype: Any) -> Model:
     """The model with its noises in another type."""
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), model)
+    return jax.tree.map(lambda leaf: typed(leaf, dtype), model)
 
 
 def _measurements(model: Model, z: Any) -> dict[str, Any]:

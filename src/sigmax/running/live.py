@@ -2,23 +2,22 @@
 
 import io
 import zipfile
-from functools import lru_cache
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.compiling import compiled
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.models.checks import finite, numbers
-from sigmax.models.evaluate import noise_root
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, noise
-from sigmax.running.edge import as_filter, cast, start_factor
-from sigmax.running.result import batch_first
-from sigmax.running.step import Belief, Fault, Innovation, begin, correct, predict
+from sigmax.native import Refused, Unavailable
+from sigmax.running.backend import attempt, native_failed
+from sigmax.running.edge import as_filter, cast, run_type, starting_cov, typed
+from sigmax.running.live_lanes import LaneState
+from sigmax.running.live_xla import XlaState
+from sigmax.running.step import Fault, Innovation
 
 
 class Live:
@@ -29,6 +28,7 @@ class Live:
         model: the model.
         prior: the state now, (n,) or (B, n).
         dtype: float64 or float32.
+        backend: as in `run`.
 
     The first predict and the first update of a model compile, some seconds; later ones take
     microseconds. A step that is not sound leaves the state as it was; `ok` and `fault` tell.
@@ -37,56 +37,62 @@ class Live:
         InputError: for whatever does not fit.
     """
 
-    def __init__(self, filter: Filter | str, model: Model, prior: Gaussian, *, dtype: Any = "float64") -> None:
+    def __init__(
+        self,
+        filter: Filter | str,
+        model: Model,
+        prior: Gaussian,
+        *,
+        dtype: Any = "float64",
+        backend: str | None = None,
+    ) -> None:
         self.filter = as_filter(filter)
         if prior.size != model.size:
             raise InputError(f"the prior has {prior.size} components, the model {model.size}: {list(model.state)}")
-        self._dtype = jnp.dtype(dtype)
+        self._dtype = run_type(dtype)
         self._batched = prior.mean.ndim == 2
+        self._tracks = (len(prior.mean),) if self._batched else ()
+        self._backend = backend
         self.model = cast(model, self._dtype)
-        mean = jnp.asarray(prior.mean, self._dtype)
-        cov = jnp.asarray(np.broadcast_to(prior.cov, (*mean.shape, model.size)), self._dtype)
-        factor = start_factor(self.filter, jnp.moveaxis(cov, 0, -1) if self._batched else cov)
-        self._belief = begin(self.filter, mean.T if self._batched else mean, factor)
-        self._fault: Any = jnp.zeros(self._belief.mean.shape[1:], jnp.int8)
-        # Flattened once: the model is the same in every call, and walking it would cost more than the step.
-        self._leaves, structure = jax.tree.flatten(self.model)
-        self._predict, self._update, self._step = _compiled(self.filter, structure)
+        mean = typed(prior.mean, self._dtype)
+        cov = np.broadcast_to(starting_cov(self.filter, prior, self._dtype), (*mean.shape, model.size))
+        given = self.filter, self.model, mean, cov
+        self._state: LaneState | XlaState = attempt(
+            backend, False, lambda: LaneState(*given), lambda: XlaState.of_prior(*given)
+        )
 
     @property
     def mean(self) -> np.ndarray:
         """The estimate (n,) or (B, n)."""
-        x = np.asarray(self._belief.mean)
-        return x.T if self._batched else x
+        return self._state.mean
 
     @property
     def cov(self) -> np.ndarray:
         """Its covariance (n, n) or (B, n, n)."""
-        S = np.asarray(self._belief.factor)
-        S = np.moveaxis(S, -1, 0) if self._batched else S
+        S = self._state.factor
         return S @ S.swapaxes(-1, -2)
 
     @property
     def std(self) -> np.ndarray:
         """Its standard deviations (n,) or (B, n)."""
-        S = np.asarray(self._belief.factor)
-        return np.sqrt((S * S).sum(1)).T
+        S = self._state.factor
+        return np.sqrt((S * S).sum(-1))
 
     @property
     def ok(self) -> Any:
         """Whether the last call was sound: a bool, or one for each track."""
-        return bool(self._fault == 0) if not self._batched else np.asarray(self._fault) == 0
+        sound = np.asarray(self._state.fault) == 0
+        return sound if self._batched else bool(sound.all())
 
     @property
     def fault(self) -> Any:
         """Why it was not: a `Fault`, or a list of one for each track."""
-        return [Fault(int(f)) for f in self._fault] if self._batched else Fault(int(self._fault))
+        found = [Fault(int(f)) for f in np.ravel(self._state.fault)]
+        return found if self._batched else found[0]
 
     def predict(self, dt: float, u: Any = None) -> None:
         """Move the state dt seconds on, with inputs u (k,) where the motion takes them."""
-        self._belief, self._fault = self._predict(
-            self._leaves, self._belief, self._seconds(dt), self._inputs(u, "motion")
-        )
+        self._do("predict", self._seconds(dt), self._inputs(u, "motion"))
 
     def update(self, z: Any, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """Correct with a measurement z (m,) or (B, m), NaN where a component is missing.
@@ -101,10 +107,7 @@ class Live:
             Residual, factor of its covariance, NIS and log-likelihood.
         """
         name, value = self._measurement(z, sensor)
-        used = self._noise(name, R)
-        out = self._update(self._leaves, self._belief, name, value, used, self._inputs(u, "sensor", name))
-        self._belief, told, self._fault = out
-        return self._told(told)
+        return self._do("update", name, value, self._noise(name, R), self._inputs(u, "sensor", name))
 
     def expect(self, sensor: str | None = None, *, R: Any = None, u: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """What a sensor should measure now, (m,) or (B, m), and the covariance of the innovation: for gates."""
@@ -114,10 +117,10 @@ class Live:
             raise InputError(
                 "name the components of the measurement in the model: R is a function and does not count them"
             )
-        nothing = np.zeros((len(names), *self._belief.mean.shape[1:]), self._dtype)
-        used = self._noise(name, R)
-        _, told, _ = self._update(self._leaves, self._belief, name, nothing, used, self._inputs(u, "sensor", name))
-        told = self._told(told)
+        nothing = np.zeros((*self._tracks, len(names)), self._dtype)
+        before, fault = self._state.belief, np.array(self._state.fault)
+        told = self._do("update", name, nothing, self._noise(name, R), self._inputs(u, "sensor", name))
+        self._put(before, fault)
         S = np.asarray(told.factor)
         return -np.asarray(told.residual), S @ S.swapaxes(-1, -2)
 
@@ -125,16 +128,13 @@ class Live:
         """`predict(dt)` and `update(z)` in one compiled call."""
         name, value = self._measurement(z, sensor)
         used = self._noise(name, R)
-        inputs = self._inputs(u, "motion", name)
-        out = self._step(self._leaves, self._belief, name, self._seconds(dt), value, used, inputs)
-        self._belief, told, self._fault = out
-        return self._told(told)
+        return self._do("step", name, self._seconds(dt), value, used, self._inputs(u, "motion", name))
 
     def save(self) -> bytes:
         """The state as bytes; `restore` gives it back bit for bit, in another process too."""
         buffer = io.BytesIO()
-        leaves = jax.tree.leaves(self._belief)
-        np.savez(buffer, *[np.asarray(a) for a in leaves], fault=np.asarray(self._fault))
+        leaves = jax.tree.leaves(self._state.belief)
+        np.savez(buffer, *[np.asarray(a) for a in leaves], fault=np.asarray(self._state.fault))
         return buffer.getvalue()
 
     def restore(self, saved: bytes) -> None:
@@ -143,7 +143,7 @@ class Live:
         Raises:
             InputError: where the bytes are no such state.
         """
-        leaves, structure = jax.tree.flatten(self._belief)
+        leaves, structure = jax.tree.flatten(self._state.belief)
         try:
             with np.load(io.BytesIO(saved), allow_pickle=False) as stored:
                 found = [stored[f"arr_{i}"] for i in range(len(stored.files) - 1)]
@@ -153,8 +153,24 @@ class Live:
         have, want = ([(a.shape, str(a.dtype)) for a in arrays] for arrays in (found, leaves))
         if have != want:
             raise InputError(f"the saved state has arrays {have}, this filter needs {want}")
-        self._belief = jax.tree.unflatten(structure, [jnp.asarray(a) for a in found])
-        self._fault = jnp.asarray(fault)
+        self._put(jax.tree.unflatten(structure, found), fault)
+
+    def _do(self, what: str, *arguments: Any) -> Any:
+        try:
+            return getattr(self._state, what)(*arguments)
+        except (Refused, Unavailable) as error:
+            native_failed(self._backend, error)
+        fault = self._state.fault
+        self._state = XlaState(self.filter, self.model, self._state.belief)
+        self._state.fault = np.asarray(fault if self._batched else fault[0])
+        return getattr(self._state, what)(*arguments)
+
+    def _put(self, belief: Any, fault: np.ndarray) -> None:
+        self._state.belief = belief
+        if isinstance(self._state, LaneState):
+            self._state.fault[...] = fault
+        else:
+            self._state.fault = fault.reshape(self._tracks)
 
     def _cast(self, value: Any) -> np.ndarray:
         return np.asarray(value, self._dtype)
@@ -163,9 +179,6 @@ class Live:
         if not dt >= 0:
             raise InputError(f"dt must be a number of seconds, not negative; it is {dt}")
         return self._cast(dt)
-
-    def _told(self, told: Innovation) -> Innovation:
-        return Innovation(*map(batch_first, told)) if self._batched else told
 
     def _sensor(self, sensor: str | None) -> str:
         if sensor is None and self.model.several:
@@ -178,7 +191,7 @@ class Live:
         sensor = self._sensor(sensor)
         value = self._cast(z)
         names = self.model.measurement[sensor]
-        wanted = (len(self.mean),) if self._batched else ()
+        wanted = self._tracks
         if (
             value.ndim != 1 + self._batched
             or value.shape[:-1] != wanted
@@ -188,11 +201,11 @@ class Live:
             raise InputError(
                 f"z must have the shape {expected}{f' for {list(names)}' if names else ''}; it has {value.shape}"
             )
-        return sensor, value.T if self._batched else value
+        return sensor, value
 
     def _noise(self, sensor: str, R: Any) -> Any:
         if R is None:
-            return self.model.R[sensor]
+            return None
         return cast(noise("R", R, self.model.measurement[sensor]), self._dtype)
 
     def _inputs(self, u: Any, what: str, sensor: str | None = None) -> Any:
@@ -204,26 +217,4 @@ class Live:
             raise InputError(f"the {what} takes inputs; give u=")
         value = numbers("u", u)
         finite("u", value)
-        value = self._cast(value)
-        return value.T if value.ndim == 2 else value
-
-
-@lru_cache(maxsize=128)
-def _compiled(filter: Filter, structure: Any) -> tuple[Any, Any, Any]:
-    """The compiled half-steps and the whole step of a filter on models of one structure."""
-
-    def move(leaves: Any, belief: Belief, dt: Any, u: Any) -> tuple[Belief, Any]:
-        model = jax.tree.unflatten(structure, leaves)
-        return predict(filter, model, noise_root(model.Q), belief, dt, u)
-
-    def see(leaves: Any, belief: Belief, sensor: str, z: Any, R: Any, u: Any) -> tuple[Belief, Innovation, Any]:
-        return correct(filter, jax.tree.unflatten(structure, leaves), sensor, R, belief, z, u)
-
-    def both(
-        leaves: Any, belief: Belief, sensor: str, dt: Any, z: Any, R: Any, u: Any
-    ) -> tuple[Belief, Innovation, Any]:
-        moved, fault = move(leaves, belief, dt, u)
-        belief, told, failed = see(leaves, moved, sensor, jnp.where(fault == 0, z, jnp.nan), R, u)
-        return belief, told, jnp.where(fault == 0, failed, fault)
-
-    return compiled(move), compiled(see, static=(2,)), compiled(both, static=(2,))
+        return self._cast(value)

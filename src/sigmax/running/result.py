@@ -4,19 +4,15 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sigmax.algebra.arrays import TWO_PI
 from sigmax.errors import InputError
-from sigmax.models.checks import is_traced
 from sigmax.running.step import Fault, Innovation
 
-
-def batch_first(a: Any) -> Any:
-    """An array of the engine, batch last, with the batch first: a view where its numbers are known."""
-    return jnp.moveaxis(a, -1, 0) if is_traced(a) else np.moveaxis(np.asarray(a), -1, 0)
+# What a run can keep.
+PARTS = ("mean", "factor", "fault", "nis", "dof", "step_log_likelihood", "innovation")
 
 
 class Layout(NamedTuple):

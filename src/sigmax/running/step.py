@@ -47,8 +47,8 @@ _MESSAGES = {
 class Belief(NamedTuple):
     """What a filter knows: mean (n, ...), factor (n, n, ...), what the form carries beside it."""
 
-    mean: jax.Array
-    factor: jax.Array
+    mean: Any
+    factor: Any
     carried: Any
 
 
@@ -57,17 +57,17 @@ class Innovation(NamedTuple):
 
     Attributes:
         residual: ν (m, ...), NaN where a component was missing.
-        factor: S_y (m, m, ...), the factor of its covariance.
+        factor: S_y (m, m, ...), the factor of its covariance; 0 where nothing was seen.
         nis: νᵀ (S_y S_yᵀ)⁻¹ ν (...), over the components seen.
         log_likelihood: of the measurement (...).
         dof: number of components seen and used (...).
     """
 
-    residual: jax.Array
-    factor: jax.Array
-    nis: jax.Array
-    log_likelihood: jax.Array
-    dof: jax.Array
+    residual: Any
+    factor: Any
+    nis: Any
+    log_likelihood: Any
+    dof: Any
 
 
 def begin(filter: Filter, mean: jax.Array, factor: jax.Array) -> Belief:
@@ -126,7 +126,7 @@ def correct(
     volume = jnp.log(jnp.where(diagonal > 0, diagonal, 1)).sum(0)
     told = Innovation(
         residual=jnp.where(seen, innovation, jnp.nan),
-        factor=done.innovation_factor,
+        factor=jnp.where(count > 0, done.innovation_factor, 0),
         nis=jnp.where(used, nis, jnp.nan),
         log_likelihood=jnp.where(used, -0.5 * (nis + count * LOG_2PI) - volume, 0),
         dof=jnp.where(used, count, 0),

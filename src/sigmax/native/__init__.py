@@ -1,0 +1,24 @@
+"""Pure functions of small arrays lowered to scalar operations, printed as C over vector lanes, and called.
+
+Nothing here knows what a filter is.
+"""
+
+from sigmax.native import elementwise, indexing, structure
+from sigmax.native.build import Unavailable
+from sigmax.native.emit import Program
+from sigmax.native.graph import Graph
+from sigmax.native.interpret import evaluate
+from sigmax.native.machine import compiler
+from sigmax.native.refusal import Refused
+
+__all__ = [
+    "Graph",
+    "Program",
+    "Refused",
+    "Unavailable",
+    "compiler",
+    "elementwise",
+    "evaluate",
+    "indexing",
+    "structure",
+]

@@ -1,0 +1,112 @@
+"""C source to a loaded library, through a cache on disk."""
+
+import ctypes
+import hashlib
+import os
+import subprocess
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+
+import platformdirs
+
+from sigmax.native.machine import compiler, lane_bytes, processor
+
+# Without errno and traps compilers may use vector instructions; NaN and infinity keep their meaning.
+_FLAGS = ("-O2", "-std=gnu99", "-march=native", "-fPIC", "-shared", "-w", "-fno-math-errno", "-fno-trapping-math")
+_HERE = Path(__file__).parent / "c"
+_LONGEST_SECONDS = 900
+
+
+class Unavailable(Exception):
+    """There is no compiler, or it failed; the message says why."""
+
+
+def cache_folder() -> Path | None:
+    """Where compiled steps are kept: SIGMAX_CACHE, else the user's cache folder; None where nothing can be written."""
+    folder = Path(os.environ.get("SIGMAX_CACHE") or platformdirs.user_cache_path("sigmax"))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError:
+        return None
+
+
+@cache
+def _temporary() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="sigmax-", ignore_cleanup_errors=True)
+
+
+@cache
+def _folder(named: str | None) -> Path:
+    """The cache folder while the environment says `named`, or one that lasts as long as the process."""
+    return cache_folder() or Path(_temporary().name)
+
+
+@cache
+def _foundation() -> bytes:
+    """What every compiled step depends on beside its source."""
+    found = compiler()
+    if found is None:
+        raise Unavailable("there is no C compiler (looked for cc, gcc, clang and the package ziglang)")
+    headers = (_HERE / "lanes.h").read_text()
+    return "\n".join([headers, *_FLAGS, *found.command, found.identity, processor()]).encode()
+
+
+@cache
+def load(source: str, single: bool = False) -> ctypes.CDLL:
+    """The library made from C source that includes lanes.h: from this process, the cache or the compiler.
+
+    Safe beside other processes doing the same; a damaged file in the cache is made again.
+
+    Raises:
+        Unavailable: without a compiler, or where it fails.
+    """
+    settings = (f"-DSIGMAX_FLOAT={int(single)}", f"-DSIGMAX_BYTES={lane_bytes()}")
+    key = hashlib.sha256(b"\n".join([_foundation(), *(s.encode() for s in settings), source.encode()])).hexdigest()
+    folder = _folder(os.environ.get("SIGMAX_CACHE")) / key[:2]
+    return ctypes.CDLL(str(_kept(folder, key) or _compiled(folder, key, source, settings)))
+
+
+def load_all(sources: list[tuple[str, bool]]) -> list[ctypes.CDLL]:
+    """Several libraries, compiled side by side."""
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        return list(pool.map(lambda one: load(*one), sources))
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:32]
+
+
+def _kept(folder: Path, key: str) -> Path | None:
+    """The library of this key whose content is what its name says."""
+    for path in folder.glob(f"{key}-*.so"):
+        try:
+            if path.stem.endswith(_digest(path.read_bytes())):
+                return path
+        except OSError:
+            continue
+    return None
+
+
+def _compiled(folder: Path, key: str, source: str, settings: tuple[str, ...]) -> Path:
+    found = compiler()
+    assert found is not None
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as work:
+        made = Path(work) / "step.so"
+        command = [*found.command, *_FLAGS, *settings, f"-I{_HERE}", "-x", "c", "-", "-o", str(made), "-lm"]
+        try:
+            done = subprocess.run(
+                command, input=source, capture_output=True, text=True, timeout=_LONGEST_SECONDS, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise Unavailable(f"the compiler {found.command[0]} could not be used: {error}") from error
+        if done.returncode or not made.exists():
+            reason = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr[:200]).strip()
+            raise Unavailable(f"the compiler {' '.join(found.command)} ended with {done.returncode}: {reason}")
+        final = folder / f"{key}-{_digest(made.read_bytes())}.so"
+        made.replace(final)
+    return final

@@ -1,0 +1,104 @@
+/* Vector lanes: one track in each. R is the type of a number, V one number of each lane, M one truth
+   value of each lane (all bits set or none). No header is needed: compilers would read it for longer
+   than the step. */
+#ifndef SIGMAX_LANES
+#define SIGMAX_LANES
+
+#if SIGMAX_FLOAT
+typedef float R;
+typedef int I;
+#define BITS_OF_SIZE 0x7fffffff
+#define SUFFIX(name) __builtin_##name##f
+#define PACKED "ps"
+#else
+typedef double R;
+typedef long long I;
+#define BITS_OF_SIZE 0x7fffffffffffffffLL
+#define SUFFIX(name) __builtin_##name
+#define PACKED "pd"
+#endif
+
+#define BYTES SIGMAX_BYTES
+#define W ((int)(BYTES / sizeof(R)))
+
+typedef R V __attribute__((vector_size(BYTES), may_alias));
+typedef I M __attribute__((vector_size(BYTES), may_alias));
+
+#define INLINE static inline __attribute__((always_inline))
+
+/* One number in all lanes. */
+INLINE V K(R x) { return x - (V){0}; }
+INLINE V v_select(M m, V a, V b) { return (V)((m & (M)a) | (~m & (M)b)); }
+INLINE V v_abs(V a) { return (V)((M)a & (M)((M){0} + BITS_OF_SIZE)); }
+INLINE M v_finite(V a) { return v_abs(a) < K(__builtin_inf()); }
+INLINE V v_max(V a, V b) { return v_select((a > b) | (a != a), a, b); }
+INLINE V v_min(V a, V b) { return v_select((a < b) | (a != a), a, b); }
+INLINE V v_sign(V a) { return v_select(a > 0, K(1), v_select(a < 0, K(-1), a)); }
+
+#define EACH(name, expression)                  \
+    INLINE V name(V a) {                        \
+        V r;                                    \
+        for (int i = 0; i < W; i++) {           \
+            R x = a[i];                         \
+            r[i] = expression;                  \
+        }                                       \
+        return r;                               \
+    }
+
+#if BYTES == 64
+#define ONE(name, instruction) \
+    INLINE V name(V a) { V r; __asm__(instruction : "=v"(r) : "v"(a)); return r; }
+ONE(v_sqrt, "vsqrt" PACKED " %1, %0")
+ONE(v_rint, "vrndscale" PACKED " $8, %1, %0")
+ONE(v_floor, "vrndscale" PACKED " $9, %1, %0")
+ONE(v_ceil, "vrndscale" PACKED " $10, %1, %0")
+ONE(v_trunc, "vrndscale" PACKED " $11, %1, %0")
+#elif BYTES == 32
+#define ONE(name, instruction) \
+    INLINE V name(V a) { V r; __asm__(instruction : "=x"(r) : "x"(a)); return r; }
+ONE(v_sqrt, "vsqrt" PACKED " %1, %0")
+ONE(v_rint, "vround" PACKED " $8, %1, %0")
+ONE(v_floor, "vround" PACKED " $9, %1, %0")
+ONE(v_ceil, "vround" PACKED " $10, %1, %0")
+ONE(v_trunc, "vround" PACKED " $11, %1, %0")
+#else
+EACH(v_sqrt, SUFFIX(sqrt)(x))
+EACH(v_rint, SUFFIX(rint)(x))
+EACH(v_floor, SUFFIX(floor)(x))
+EACH(v_ceil, SUFFIX(ceil)(x))
+EACH(v_trunc, SUFFIX(trunc)(x))
+#endif
+
+/* Halves away from zero. */
+INLINE V v_round(V a) {
+    V size = v_trunc(v_abs(a) + K(0.5));
+    return v_select(a < 0, -size, size);
+}
+
+INLINE V v_look_up(const R *table, V at) {
+    V r;
+    for (int i = 0; i < W; i++) r[i] = table[(long)at[i]];
+    return r;
+}
+
+/* A function of the mathematical library: over vectors where there is one, else lane by lane. */
+#define LANE_BY_LANE(name)                                     \
+    static __attribute__((noinline)) V v_##name(V a) {         \
+        V r;                                                   \
+        for (int i = 0; i < W; i++) r[i] = SUFFIX(name)(a[i]); \
+        return r;                                              \
+    }
+#define LANE_BY_LANE_2(name)                                         \
+    static __attribute__((noinline)) V v_##name(V a, V b) {          \
+        V r;                                                         \
+        for (int i = 0; i < W; i++) r[i] = SUFFIX(name)(a[i], b[i]); \
+        return r;                                                    \
+    }
+#define VECTOR(name, symbol) \
+    V symbol(V);             \
+    INLINE V v_##name(V a) { return symbol(a); }
+#define VECTOR_2(name, symbol) \
+    V symbol(V, V);            \
+    INLINE V v_##name(V a, V b) { return symbol(a, b); }
+
+#endif

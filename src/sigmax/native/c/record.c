@@ -1,0 +1,196 @@
+/* Runs lowered steps over records: one track in each lane, time in a loop, arrays in the caller's layout
+   (track first). The functions `predict`, `correct` and `back` are lowered ones. */
+#include "lanes.h"
+
+typedef void (*Step)(const R *c, const V *state, const V *given, V *next, V *told);
+typedef void (*Back)(const R *c, const V *state, const V *later, const V *given, V *next, V *told);
+
+/* An array whose element for a track and step lies at data[track * per_track + step * per_step]. */
+typedef struct {
+    const R *data;
+    long size, per_track, per_step;
+} Series;
+
+/* What `correct` tells, in this order; after it the residual and the rows of the innovation's factor. */
+enum { NIS, LOG_LIKELIHOOD, DOF, FAULT, RESIDUAL };
+
+typedef struct {
+    Step correct;
+    const R *c;
+    Series z;
+    R *residual, *factor;
+} Sensor;
+
+typedef struct {
+    long tracks, steps, n, size;
+    Step predict; /* absent: no time passes */
+    const R *c;
+    Series dt, u;
+    long sensors;
+    const Sensor *sensor;
+    R *state; /* (tracks, size), in and out: mean, lower factor row by row, what the form carries */
+    /* Out, each of them possibly absent. */
+    R *total, *mean, *factor, *nis, *log_likelihood;
+    signed char *fault;
+    long long *dof;
+} Record;
+
+static void gather(const Series *s, long first, long last, long step, V *to) {
+    for (int lane = 0; lane < W; lane++) {
+        long track = first + lane < last ? first + lane : last - 1;
+        const R *from = s->data + track * s->per_track + step * s->per_step;
+        for (long i = 0; i < s->size; i++) to[i][lane] = from[i];
+    }
+}
+
+static void put(const V *from, long size, int lane, R *to) {
+    for (long i = 0; i < size; i++) to[i] = from[i][lane];
+}
+
+/* Lower triangle row by row -> all rows. */
+static void put_factor(const V *from, long n, int lane, R *to) {
+    for (long i = 0; i < n; i++)
+        for (long j = 0; j < n; j++) to[i * n + j] = j <= i ? (*from++)[lane] : 0;
+}
+
+static int any(M m) {
+    I found = 0;
+    for (int lane = 0; lane < W; lane++) found |= m[lane];
+    return found != 0;
+}
+
+/* Tracks [first, end). Steps of sensors that nobody heard from cost nothing. */
+void record(const Record *r, long first, long end) {
+    long widest = 1;
+    for (long s = 0; s < r->sensors; s++)
+        if (r->sensor[s].z.size > widest) widest = r->sensor[s].z.size;
+    V buffers[2][r->size], given[1 + widest + r->u.size], told[RESIDUAL + widest * (widest + 1)];
+    const V missing = K(__builtin_nan(""));
+    for (; first < end; first += W) {
+        const int lanes = first + W <= end ? W : (int)(end - first);
+        V *now = buffers[0], *next = buffers[1], total = K(0);
+        const Series start = {r->state, r->size, r->size, 0};
+        gather(&start, first, end, 0, now);
+        for (long t = 0; t < r->steps; t++) {
+            V fault = K(0), nis = K(0), dof = K(0), likelihood = K(0), *swapped;
+            if (r->predict) {
+                gather(&r->dt, first, end, t, given);
+                gather(&r->u, first, end, t, given + 1);
+                r->predict(r->c, now, given, next, told);
+                fault = told[0];
+                swapped = now, now = next, next = swapped;
+            }
+            for (long s = 0; s < r->sensors; s++) {
+                const Sensor *sensor = r->sensor + s;
+                const long m = sensor->z.size;
+                M heard = (M){0};
+                gather(&sensor->z, first, end, t, given);
+                for (long i = 0; i < m; i++) {
+                    given[i] = v_select(fault == 0, given[i], missing);
+                    heard |= given[i] == given[i];
+                }
+                if (any(heard)) {
+                    gather(&r->u, first, end, t, given + m);
+                    sensor->correct(sensor->c, now, given, next, told);
+                    swapped = now, now = next, next = swapped;
+                    nis += v_select(told[DOF] > 0, told[NIS], K(0));
+                    dof += told[DOF];
+                    likelihood += told[LOG_LIKELIHOOD];
+                    fault = v_select(fault == 0, told[FAULT], fault);
+                } else {
+                    for (long i = 0; i < m; i++) told[RESIDUAL + i] = missing;
+                    for (long i = 0; i < m * m; i++) told[RESIDUAL + m + i] = K(0);
+                }
+                for (int lane = 0; lane < lanes; lane++) {
+                    const long at = (first + lane) * r->steps + t;
+                    if (sensor->residual) put(told + RESIDUAL, m, lane, sensor->residual + at * m);
+                    if (sensor->factor) put(told + RESIDUAL + m, m * m, lane, sensor->factor + at * m * m);
+                }
+            }
+            total += likelihood;
+            nis = v_select(dof > 0, nis, missing);
+            for (int lane = 0; lane < lanes; lane++) {
+                const long at = (first + lane) * r->steps + t;
+                if (r->mean) put(now, r->n, lane, r->mean + at * r->n);
+                if (r->factor) put_factor(now + r->n, r->n, lane, r->factor + at * r->n * r->n);
+                if (r->fault) r->fault[at] = (signed char)fault[lane];
+                if (r->nis) r->nis[at] = nis[lane];
+                if (r->dof) r->dof[at] = (long long)dof[lane];
+                if (r->log_likelihood) r->log_likelihood[at] = likelihood[lane];
+            }
+        }
+        for (int lane = 0; lane < lanes; lane++) {
+            put(now, r->size, lane, r->state + (first + lane) * r->size);
+            if (r->total) r->total[first + lane] = total[lane];
+        }
+    }
+}
+
+typedef struct {
+    long tracks, steps, n, size;
+    Back back;
+    const R *c;
+    Series mean, factor, fault, dt, u; /* filtered, of all steps; a fault as a number */
+    R *new_mean, *new_factor;
+    signed char *failed;
+} Smoothing;
+
+static void put_smoothed(const Smoothing *s, const V *state, V failed, long first, int lanes, long t) {
+    for (int lane = 0; lane < lanes; lane++) {
+        const long at = (first + lane) * s->steps + t;
+        put(state, s->n, lane, s->new_mean + at * s->n);
+        put_factor(state + s->n, s->n, lane, s->new_factor + at * s->n * s->n);
+        s->failed[at] = (signed char)failed[lane];
+    }
+}
+
+/* Mean and lower factor of a step into a state. */
+static void gather_state(const Smoothing *s, long first, long end, long t, V *wide, V *to) {
+    gather(&s->mean, first, end, t, to);
+    gather(&s->factor, first, end, t, wide);
+    to += s->n;
+    for (long i = 0; i < s->n; i++)
+        for (long j = 0; j <= i; j++) *to++ = wide[i * s->n + j];
+}
+
+/* Backwards over the tracks [first, end). `given` is dt, inputs and the fault of the later step. */
+void backwards(const Smoothing *s, long first, long end) {
+    V buffers[2][s->size], state[s->size], wide[s->n * s->n], given[2 + s->u.size], told[1];
+    for (; first < end; first += W) {
+        const int lanes = first + W <= end ? W : (int)(end - first);
+        V *later = buffers[0], *next = buffers[1];
+        gather_state(s, first, end, s->steps - 1, wide, later);
+        put_smoothed(s, later, K(0), first, lanes, s->steps - 1);
+        for (long t = s->steps - 2; t >= 0; t--) {
+            gather_state(s, first, end, t, wide, state);
+            gather(&s->dt, first, end, t + 1, given);
+            gather(&s->u, first, end, t + 1, given + 1);
+            gather(&s->fault, first, end, t + 1, given + 1 + s->u.size);
+            s->back(s->c, state, later, given, next, told);
+            V *swapped = later;
+            later = next, next = swapped;
+            put_smoothed(s, later, told[0], first, lanes, t);
+        }
+    }
+}
+
+typedef void (*Map)(const R *c, const V *given, V *made);
+
+typedef struct {
+    Map map;
+    const R *c;
+    Series given;
+    long size;
+    R *made;
+} Rows;
+
+/* A step applied to each row of an array. */
+void rows(const Rows *r, long first, long end) {
+    V given[r->given.size], made[r->size];
+    for (; first < end; first += W) {
+        const int lanes = first + W <= end ? W : (int)(end - first);
+        gather(&r->given, first, end, 0, given);
+        r->map(r->c, given, made);
+        for (int lane = 0; lane < lanes; lane++) put(made, r->size, lane, r->made + (first + lane) * r->size);
+    }
+}

@@ -1,0 +1,153 @@
+"""Compiled steps called from Python: over records, backwards, and over rows."""
+
+import ctypes
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sigmax.native.build import load, load_all
+from sigmax.native.emit import Program, lanes_source
+from sigmax.native.machine import lane_bytes, vector_functions
+
+_DRIVER = Path(__file__).parent / "c" / "record.c"
+
+
+class Step(NamedTuple):
+    """A compiled program.
+
+    Attributes:
+        address: of its C function.
+        setup: what stays the same over all steps, from the parameters.
+    """
+
+    address: int
+    setup: Callable[[np.ndarray], np.ndarray]
+
+
+class Series(ctypes.Structure):
+    """An array by track and step, see record.c."""
+
+    _fields_ = [("data", ctypes.c_void_p), *((k, ctypes.c_long) for k in ("size", "per_track", "per_step"))]
+
+
+class Sensor(ctypes.Structure):
+    """One sensor of a record, see record.c."""
+
+    _fields_ = [
+        ("correct", ctypes.c_void_p),
+        ("c", ctypes.c_void_p),
+        ("z", Series),
+        ("residual", ctypes.c_void_p),
+        ("factor", ctypes.c_void_p),
+    ]
+
+
+class Record(ctypes.Structure):
+    """A record to be filtered, see record.c."""
+
+    _fields_ = [
+        *((k, ctypes.c_long) for k in ("tracks", "steps", "n", "size")),
+        *((k, ctypes.c_void_p) for k in ("predict", "c")),
+        *((k, Series) for k in ("dt", "u")),
+        ("sensors", ctypes.c_long),
+        ("sensor", ctypes.POINTER(Sensor)),
+        *((k, ctypes.c_void_p) for k in ("state", "total", "mean", "factor", "nis", "log_likelihood", "fault", "dof")),
+    ]
+
+
+class Smoothing(ctypes.Structure):
+    """A record to be smoothed, see record.c."""
+
+    _fields_ = [
+        *((k, ctypes.c_long) for k in ("tracks", "steps", "n", "size")),
+        *((k, ctypes.c_void_p) for k in ("back", "c")),
+        *((k, Series) for k in ("mean", "factor", "fault", "dt", "u")),
+        *((k, ctypes.c_void_p) for k in ("new_mean", "new_factor", "failed")),
+    ]
+
+
+class Rows(ctypes.Structure):
+    """A function of rows, see record.c."""
+
+    _fields_ = [
+        *((k, ctypes.c_void_p) for k in ("map", "c")),
+        ("given", Series),
+        ("size", ctypes.c_long),
+        ("made", ctypes.c_void_p),
+    ]
+
+
+def steps(programs: Sequence[Program], single: bool) -> list[Step]:
+    """Programs compiled side by side.
+
+    Raises:
+        Unavailable: without a compiler, or where it fails.
+    """
+    vectors = vector_functions(single)
+    sources = [(_DRIVER.read_text(), single), *((lanes_source(p, vectors), single) for p in programs)]
+    _, *libraries = load_all(sources)
+    return [_step(library, np.dtype(np.float32 if single else np.float64)) for library in libraries]
+
+
+def _step(library: ctypes.CDLL, dtype: np.dtype[Any]) -> Step:
+    constants = library.constants
+    constants.restype = ctypes.c_long
+    size = constants()
+
+    def setup(parameters: np.ndarray) -> np.ndarray:
+        given, made = np.ascontiguousarray(parameters, dtype), np.empty(size, dtype)
+        library.setup(ctypes.c_void_p(given.ctypes.data), ctypes.c_void_p(made.ctypes.data))
+        return made
+
+    address = ctypes.cast(library.step, ctypes.c_void_p).value
+    assert address is not None
+    return Step(address, setup)
+
+
+@cache
+def driver(single: bool) -> Mapping[str, Any]:
+    """The functions of record.c by name."""
+    library = load(_DRIVER.read_text(), single)
+    made = {}
+    for name in ("record", "backwards", "rows"):
+        function = getattr(library, name)
+        function.restype = None
+        function.argtypes = [ctypes.c_void_p, ctypes.c_long, ctypes.c_long]
+        made[name] = function
+    return made
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="sigmax")
+
+
+def over_cores(function: Any, job: ctypes.Structure, tracks: int, single: bool) -> None:
+    """Call a function of the driver over all tracks, in parts of whole lanes, one for each core."""
+    lanes = lane_bytes() // (4 if single else 8)
+    cores = os.cpu_count() or 1
+    address = ctypes.addressof(job)
+    if cores == 1 or tracks < 2 * lanes:
+        function(address, 0, tracks)
+        return
+    size = -(-tracks // (cores * lanes)) * lanes
+    bounds = [(first, min(first + size, tracks)) for first in range(0, tracks, size)]
+    for done in [_pool().submit(function, address, *bound) for bound in bounds]:
+        done.result()
+
+
+def pointer(array: np.ndarray | None) -> int | None:
+    """The address of an array's numbers."""
+    return None if array is None else array.ctypes.data
+
+
+def series(array: np.ndarray, core: int, track: bool, step: bool) -> Series:
+    """An array with the axes (track, step, …) as far as it has them, the last `core` being one element's."""
+    size = int(np.prod(array.shape[array.ndim - core :]))
+    steps_ = array.shape[1 if track else 0] if step else 1
+    return Series(array.ctypes.data, size, size * steps_ if track else 0, size if step else 0)

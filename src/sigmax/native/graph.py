@@ -1,0 +1,150 @@
+"""A step as a graph of scalar operations: known numbers folded, equal expressions made once."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from sigmax.native.operations import OPERATIONS
+from sigmax.native.simplify import RULES
+
+Array = Any  # of NumPy, dtype object: nodes
+
+
+class Node:
+    """One scalar: an input, a known number, an element of a table, or an operation on other nodes.
+
+    Attributes:
+        operation: a key of `OPERATIONS`, "constant", "input" or "table".
+        arguments: nodes; of a constant its value, of an input its group and place, of a table its
+            number and the node of the index.
+        index: position in the graph, after all its arguments.
+        truth: whether it is a truth value.
+        fixed: whether it depends on nothing but known numbers and fixed inputs.
+        label: what it belongs to, for readers of the C.
+    """
+
+    __slots__ = ("arguments", "fixed", "index", "label", "operation", "truth")
+
+    def __init__(
+        self, operation: str, arguments: tuple[Any, ...], index: int, truth: bool, fixed: bool, label: str
+    ) -> None:
+        self.operation, self.arguments, self.index = operation, arguments, index
+        self.truth, self.fixed, self.label = truth, fixed, label
+
+    @property
+    def known(self) -> bool:
+        """Whether it is a number."""
+        return self.operation == "constant"
+
+    @property
+    def value(self) -> Any:
+        """The number of a constant."""
+        return self.arguments[0]
+
+    @property
+    def inputs(self) -> tuple["Node", ...]:
+        """The nodes it reads."""
+        if self.operation in OPERATIONS:
+            return self.arguments
+        return self.arguments[1:] if self.operation == "table" else ()
+
+    def __repr__(self) -> str:
+        return f"{self.value}" if self.known else f"{self.operation}#{self.index}"
+
+
+class Graph:
+    """The nodes made so far.
+
+    Attributes:
+        nodes: in an order in which each comes after what it reads.
+        tables: known numbers that are looked up by computed indices.
+        label: what new nodes belong to.
+    """
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self.tables: list[np.ndarray] = []
+        self.label = ""
+        self._made: dict[Any, Node] = {}
+
+    def _node(self, key: Any, operation: str, arguments: tuple[Any, ...], truth: bool, fixed: bool) -> Node:
+        node = self._made.get(key)
+        if node is None:
+            node = Node(operation, arguments, len(self.nodes), truth, fixed, self.label)
+            self._made[key] = node
+            self.nodes.append(node)
+        return node
+
+    def constant(self, value: Any) -> Node:
+        """A known number or truth value."""
+        if isinstance(value, bool | np.bool_):
+            return self._node((bool, bool(value)), "constant", (bool(value),), True, True)
+        number = float(value)
+        return self._node((float, number.hex()), "constant", (number,), False, True)
+
+    def input(self, group: str, place: int, fixed: bool = False) -> Node:
+        """Number `place` of a group of inputs; `fixed` for what stays the same over all steps."""
+        return self._node((group, place), "input", (group, place), False, fixed)
+
+    def inputs(self, group: str, shape: tuple[int, ...], fixed: bool = False) -> Array:
+        """A whole group as an array, counted row by row."""
+        made = [self.input(group, i, fixed) for i in range(math.prod(shape))]
+        return np.array([*made, None], dtype=object)[:-1].reshape(shape)
+
+    def constants(self, values: Any) -> Array:
+        """An array of known numbers."""
+        return np.frompyfunc(self.constant, 1, 1)(np.asarray(values)) if np.ndim(values) else self._scalar(values)
+
+    def _scalar(self, value: Any) -> Array:
+        array = np.empty((), dtype=object)
+        array[()] = self.constant(np.asarray(value)[()])
+        return array
+
+    def look_up(self, table: np.ndarray, index: Node) -> Node:
+        """An element of a table at a computed index, which must lie inside."""
+        known = (np.array_equal(other, table, equal_nan=True) for other in self.tables)
+        number = next((i for i, same in enumerate(known) if same), len(self.tables))
+        if number == len(self.tables):
+            self.tables.append(table)
+        return self._node(("table", number, index.index), "table", (number, index), False, index.fixed)
+
+    def apply(self, operation: str, *arguments: Node) -> Node:
+        """An operation on nodes, simplified where numbers are known; NaN is not reasoned away.
+
+        The one exception is 0 · x = 0, which makes the zeros of a factor structural.
+        """
+        if operation == "select" and arguments[1].truth:
+            operation = "select truth"
+        simpler = self._simplified(operation, arguments)
+        if simpler is not None:
+            return simpler
+        about = OPERATIONS[operation]
+        if about.commutes and arguments[0].index > arguments[1].index:
+            arguments = (arguments[1], arguments[0])
+        key = (operation, *(a.index for a in arguments))
+        return self._node(key, operation, arguments, about.truth, all(a.fixed for a in arguments))
+
+    def _simplified(self, operation: str, a: tuple[Node, ...]) -> Node | None:
+        if all(x.operation == "constant" for x in a):
+            with np.errstate(all="ignore"):
+                return self.constant(OPERATIONS[operation].fold(*(x.arguments[0] for x in a)))
+        rule = RULES.get(operation)
+        simpler = rule(self, *a) if rule is not None else None
+        return simpler if simpler is not None else self._into_branches(operation, a)
+
+    def _into_branches(self, operation: str, a: tuple[Node, ...]) -> Node | None:
+        """f(select(p, x, y), c) = select(p, f(x, c), f(y, c)) where all but p is fixed: nothing is left to compute."""
+        if operation.startswith("select") or operation in ("and", "or", "xor", "not"):
+            return None
+        choices = [x for x in a if x.operation == "select"]
+        if len(choices) != 1:
+            return None
+        choice = choices[0]
+        p, x, y = choice.arguments
+        if not (x.fixed and y.fixed and all(b.fixed for b in a if b is not choice)):
+            return None
+        if not (x.known or y.known):
+            return None
+        branches = (self.apply(operation, *(w if b is choice else b for b in a)) for w in (x, y))
+        return self.apply("select", p, *branches)

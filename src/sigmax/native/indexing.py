@@ -1,0 +1,183 @@
+"""Rules of indexing, with known and with computed indices."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import jax
+import numpy as np
+
+from sigmax.native.graph import Array, Graph, Node
+from sigmax.native.interpret import rule
+from sigmax.native.refusal import Refused
+
+# More places than these are not chosen among one by one.
+_MOST_CHOICES = 512
+
+
+def _clipped(g: Graph, start: Node, largest: int) -> Node:
+    if largest <= 0:
+        return g.constant(0.0)
+    return g.apply("min", g.apply("max", start, g.constant(0.0)), g.constant(float(largest)))
+
+
+def _window(g: Graph, a: Array, starts: Sequence[Node], sizes: Sequence[int]) -> Array:
+    """A block of an array that begins at computed places, moved inside where it would stick out."""
+    starts = [_clipped(g, s, n - k) for s, n, k in zip(starts, a.shape, sizes, strict=True)]
+    if all(s.known for s in starts):
+        return a[tuple(slice(int(s.value), int(s.value) + k) for s, k in zip(starts, sizes, strict=True))]
+    out = np.empty(tuple(sizes), dtype=object)
+    if all(x.known for x in a.flat):
+        table = np.array([float(x.value) for x in a.flat])
+        strides = [int(np.prod(a.shape[d + 1 :])) for d in range(a.ndim)]
+        first = g.constant(0.0)
+        for start, stride in zip(starts, strides, strict=True):
+            first = g.apply("+", first, g.apply("*", start, g.constant(float(stride))))
+        for place in np.ndindex(out.shape):
+            offset = float(sum(i * s for i, s in zip(place, strides, strict=True)))
+            out[place] = g.look_up(table, g.apply("+", first, g.constant(offset)))
+        if all(isinstance(x.value, bool) for x in a.flat):
+            out = np.frompyfunc(lambda x: g.apply("!=", x, g.constant(0.0)), 1, 1)(out)
+        return out
+    choices = [[int(s.value)] if s.known else range(n - k + 1) for s, n, k in zip(starts, a.shape, sizes, strict=True)]
+    if np.prod([len(c) for c in choices]) > _MOST_CHOICES:
+        raise Refused(f"a computed index among more than {_MOST_CHOICES} computed values")
+    result = None
+    for at in product(*choices):
+        block = a[tuple(slice(i, i + k) for i, k in zip(at, sizes, strict=True))]
+        if result is None:
+            result = block
+        else:
+            here = _all_equal(g, starts, at)
+            result = np.frompyfunc(lambda x, y, p=here: g.apply("select", p, x, y), 2, 1)(block, result)
+    assert result is not None
+    return result
+
+
+def _all_equal(g: Graph, starts: Sequence[Node], at: Sequence[int]) -> Node:
+    here = g.constant(True)
+    for start, i in zip(starts, at, strict=True):
+        if not start.known:
+            here = g.apply("and", here, g.apply("==", start, g.constant(float(i))))
+    return here
+
+
+@rule("dynamic_slice")
+def _dynamic_slice(g: Graph, equation: Any, a: Array, *starts: Array) -> Array:
+    return _window(g, a, [s[()] for s in starts], equation.params["slice_sizes"])
+
+
+def _put(g: Graph, out: Array, starts: Sequence[Node], block: Array, operation: str | None) -> None:
+    """Write (or combine) a block into an array at computed places."""
+    largest = [n - k for n, k in zip(out.shape, block.shape, strict=True)]
+    choices = [[int(s.value)] if s.known else range(most + 1) for s, most in zip(starts, largest, strict=True)]
+    if np.prod([len(c) for c in choices]) > _MOST_CHOICES:
+        raise Refused(f"a computed index among more than {_MOST_CHOICES} places to write to")
+    before = out.copy()
+    for at in product(*choices):
+        here = _all_equal(g, starts, at)
+        for place in np.ndindex(block.shape):
+            to = tuple(i + j for i, j in zip(at, place, strict=True))
+            if not all(0 <= i < n for i, n in zip(to, out.shape, strict=True)):
+                continue
+            new = block[place] if operation is None else g.apply(operation, before[to], block[place])
+            out[to] = g.apply("select", here, new, out[to])
+
+
+@rule("dynamic_update_slice")
+def _dynamic_update_slice(g: Graph, equation: Any, a: Array, block: Array, *starts: Array) -> Array:
+    out = a.copy()
+    inside = [_clipped(g, s[()], n - k) for s, n, k in zip(starts, a.shape, block.shape, strict=True)]
+    _put(g, out, inside, block, None)
+    return out
+
+
+def _filled(equation: Any) -> bool:
+    return equation.params["mode"] == jax.lax.GatherScatterMode.FILL_OR_DROP
+
+
+def _inside(g: Graph, starts: Sequence[Node], largest: Sequence[int]) -> Node:
+    here = g.constant(True)
+    for start, most in zip(starts, largest, strict=True):
+        here = g.apply("and", here, g.apply(">=", start, g.constant(0.0)))
+        here = g.apply("and", here, g.apply("<=", start, g.constant(float(most))))
+    return here
+
+
+@rule("gather")
+def _gather(g: Graph, equation: Any, a: Array, indices: Array) -> Array:
+    d, sizes = equation.params["dimension_numbers"], equation.params["slice_sizes"]
+    batch = indices.shape[:-1]
+    gone = (*d.collapsed_slice_dims, *d.operand_batching_dims)
+    kept = [k for i, k in enumerate(sizes) if i not in gone]
+    out = np.empty((*batch, *kept), dtype=object)
+    for place in np.ndindex(*batch):
+        starts = [g.constant(0.0)] * a.ndim
+        for j, axis in enumerate(d.start_index_map):
+            starts[axis] = indices[(*place, j)]
+        for axis, of in zip(d.operand_batching_dims, d.start_indices_batching_dims, strict=True):
+            starts[axis] = g.constant(float(place[of]))
+        block = _window(g, a, starts, sizes).reshape(kept)
+        if _filled(equation):
+            inside = _inside(g, starts, [n - k for n, k in zip(a.shape, sizes, strict=True)])
+            block = np.frompyfunc(lambda x, p=inside: g.apply("select", p, x, _fill(g, equation, x)), 1, 1)(block)
+            block = np.asarray(block, dtype=object).reshape(kept)
+        out[place] = block if kept else block[()]
+    # The window's axes go where the equation says, the batch's in their order to the places left.
+    order: list[int] = [-1] * out.ndim
+    for i, axis in enumerate(d.offset_dims):
+        order[axis] = len(batch) + i
+    rest = iter(range(len(batch)))
+    return out.transpose([next(rest) if i < 0 else i for i in order])
+
+
+def _fill(g: Graph, equation: Any, x: Node) -> Node:
+    if x.truth:
+        return g.constant(True)
+    given = equation.params.get("fill_value")
+    if given is not None:
+        return g.constant(float(given))
+    dtype = np.dtype(equation.outvars[0].aval.dtype)
+    if np.issubdtype(dtype, np.floating):
+        return g.constant(np.nan)
+    return g.constant(float(np.iinfo(dtype).min if np.issubdtype(dtype, np.signedinteger) else np.iinfo(dtype).max))
+
+
+_SCATTERS = {
+    "scatter": None,
+    "scatter-add": "+",
+    "scatter_add": "+",
+    "scatter-mul": "*",
+    "scatter_mul": "*",
+    "scatter-sub": "-",
+    "scatter_sub": "-",
+    "scatter-min": "min",
+    "scatter_min": "min",
+    "scatter-max": "max",
+    "scatter_max": "max",
+}
+
+
+@rule(*_SCATTERS)
+def _scatter(g: Graph, equation: Any, a: Array, indices: Array, updates: Array) -> Array:
+    d = equation.params["dimension_numbers"]
+    operation = _SCATTERS[equation.primitive.name]
+    out = a.copy()
+    batch = indices.shape[:-1]
+    windows = d.update_window_dims
+    loose = [i for i in range(updates.ndim) if i not in windows]
+    blocks = updates.transpose(*loose, *windows)
+    gone = (*d.inserted_window_dims, *d.operand_batching_dims)
+    shape = iter([updates.shape[i] for i in windows])
+    sizes = [1 if i in gone else next(shape) for i in range(a.ndim)]
+    for place in np.ndindex(*batch):
+        starts = [g.constant(0.0)] * a.ndim
+        for j, axis in enumerate(d.scatter_dims_to_operand_dims):
+            starts[axis] = indices[(*place, j)]
+        for axis, of in zip(d.operand_batching_dims, d.scatter_indices_batching_dims, strict=True):
+            starts[axis] = g.constant(float(place[of]))
+        block = np.asarray(blocks[place], dtype=object).reshape(sizes)
+        if not _filled(equation):
+            starts = [_clipped(g, s, n - k) for s, n, k in zip(starts, a.shape, sizes, strict=True)]
+        _put(g, out, starts, block, operation)
+    return out

@@ -1,0 +1,73 @@
+"""A traced function evaluated over scalars: its jaxpr interpreted with arrays of nodes."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+
+from sigmax.native.graph import Array, Graph
+from sigmax.native.refusal import Refused, line_of
+
+# A rule takes the graph, the equation and its arguments, and gives an array or a list of them.
+Rule = Callable[..., Any]
+RULES: dict[str, Rule] = {}
+
+# Beyond this a straight line takes compilers too long.
+_LARGEST = 1_500_000
+
+
+def rule(*names: str) -> Callable[[Rule], Rule]:
+    """Let a function be the rule of these primitives."""
+
+    def register(function: Rule) -> Rule:
+        RULES.update(dict.fromkeys(names, function))
+        return function
+
+    return register
+
+
+def evaluate(g: Graph, closed: ClosedJaxpr, arguments: Sequence[Array]) -> list[Array]:
+    """The outputs of a closed jaxpr as arrays of nodes.
+
+    Raises:
+        Refused: for a primitive that no rule covers, or whose rule refuses it.
+    """
+    return evaluate_open(g, closed.jaxpr, [g.constants(c) for c in closed.consts], arguments)
+
+
+def evaluate_open(g: Graph, jaxpr: Jaxpr, constants: Sequence[Array], arguments: Sequence[Array]) -> list[Array]:
+    """The outputs of a jaxpr with its constants given."""
+    known: dict[Any, Array] = dict(zip(jaxpr.constvars, constants, strict=True))
+    known |= zip(jaxpr.invars, arguments, strict=True)
+
+    def read(variable: Any) -> Array:
+        return g.constants(variable.val) if isinstance(variable, Literal) else known[variable]
+
+    outer = g.label
+    for equation in jaxpr.eqns:
+        name = equation.primitive.name
+        found = RULES.get(name)
+        if found is None:
+            raise Refused(f"the operation {name!r} cannot be lowered to C{line_of(equation)}")
+        label = str(equation.source_info.name_stack)
+        g.label = f"{outer}/{label}" if outer and label else outer or label
+        try:
+            made = found(g, equation, *map(read, equation.invars))
+        except Refused as error:
+            if str(error).startswith("the "):
+                raise
+            raise Refused(f"the operation {name!r} cannot be lowered to C: {error}{line_of(equation)}") from None
+        if len(g.nodes) > _LARGEST:
+            raise Refused(f"the step has more than {_LARGEST} scalar operations")
+        results = made if equation.primitive.multiple_results else [made]
+        for variable, value in zip(equation.outvars, results, strict=True):
+            known[variable] = value if isinstance(value, np.ndarray) else _as_array(value)
+    g.label = outer
+    return [read(v) for v in jaxpr.outvars]
+
+
+def _as_array(node: Any) -> Array:
+    array = np.empty((), dtype=object)
+    array[()] = node
+    return array

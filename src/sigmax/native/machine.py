@@ -1,0 +1,90 @@
+"""What this machine has: a C compiler, its widest lanes, a vector library of functions."""
+
+import ctypes
+import hashlib
+import importlib.util
+import os
+import platform
+import shutil
+import sys
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from sigmax.native.operations import OPERATIONS
+
+
+class Compiler(NamedTuple):
+    """How to call a C compiler, and what tells its output from another's."""
+
+    command: tuple[str, ...]
+    identity: str
+
+
+@cache
+def compiler() -> Compiler | None:
+    """The compiler that SIGMAX_CC names, else cc, gcc or clang, else the one in the package ziglang."""
+    named = os.environ.get("SIGMAX_CC")
+    for name in [named] if named is not None else ["cc", "gcc", "clang"]:
+        found = shutil.which(name) if name else None
+        if found:
+            return Compiler((found,), _file_identity(Path(found)))
+    if named is None and importlib.util.find_spec("ziglang"):
+        zig = Path(str(importlib.util.find_spec("ziglang").origin)).parent / "zig"  # type: ignore[union-attr]
+        return Compiler((sys.executable, "-m", "ziglang", "cc"), _file_identity(zig))
+    return None
+
+
+def _file_identity(path: Path) -> str:
+    path = path.resolve()
+    try:
+        about = path.stat()
+    except OSError:
+        return str(path)
+    return f"{path} {about.st_size} {about.st_mtime_ns}"
+
+
+@cache
+def features() -> frozenset[str]:
+    """The instruction sets of the processor, where the system tells them."""
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return frozenset()
+    lines = (line.partition(":")[2] for line in text.splitlines() if line.lower().startswith(("flags", "features")))
+    return frozenset(next(lines, "").split())
+
+
+def processor() -> str:
+    """What code for "this machine" depends on."""
+    told = " ".join([platform.machine(), platform.processor(), *sorted(features())])
+    return hashlib.sha256(told.encode()).hexdigest()
+
+
+def lane_bytes() -> int:
+    """The width of the widest useful vector registers."""
+    if {"avx512f", "avx512dq"} <= features():
+        return 64
+    return 32 if "avx2" in features() else 16
+
+
+@cache
+def vector_functions(single: bool) -> dict[str, str]:
+    """The vector functions of the C library by operation, loaded so that compiled steps find them."""
+    if platform.machine() != "x86_64" or platform.system() != "Linux":
+        return {}
+    try:
+        library = ctypes.CDLL("libmvec.so.1", mode=ctypes.RTLD_GLOBAL)
+    except OSError:
+        return {}
+    width = lane_bytes()
+    lanes = width // (4 if single else 8)
+    letter = {64: "e", 32: "d", 16: "b"}[width]
+    found = {}
+    for operation in OPERATIONS.values():
+        if operation.calls:
+            kind = "v" * operation.arity
+            symbol = f"_ZGV{letter}N{lanes}{kind}_{operation.calls}{'f' if single else ''}"
+            if hasattr(library, symbol):
+                found[operation.calls] = symbol
+    return found

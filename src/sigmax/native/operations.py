@@ -1,0 +1,115 @@
+"""The scalar operations that a step is lowered to: how each is computed, folded and written in C."""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import special
+
+
+class Operation(NamedTuple):
+    """One scalar operation.
+
+    Attributes:
+        fold: its value for known numbers.
+        lanes: in C over vector lanes, a format of its arguments.
+        scalar: in C99, the same.
+        truth: whether it gives a truth value.
+        commutes: whether the order of its arguments does not matter.
+        calls: the function of the mathematical library that it calls, if any.
+    """
+
+    fold: Callable[..., Any]
+    lanes: str
+    scalar: str
+    truth: bool = False
+    commutes: bool = False
+    calls: str = ""
+
+    @property
+    def arity(self) -> int:
+        """The number of its arguments."""
+        return sum(f"{{{i}}}" in self.lanes for i in range(3))
+
+
+def _arithmetic(symbol: str, fold: Callable[..., Any], commutes: bool = False) -> Operation:
+    text = f"{{0}} {symbol} {{1}}"
+    return Operation(fold, text, text, commutes=commutes)
+
+
+def _comparison(symbol: str, fold: Callable[..., Any]) -> Operation:
+    text = f"{{0}} {symbol} {{1}}"
+    return Operation(fold, text, text, truth=True, commutes=symbol in ("==", "!="))
+
+
+def _function(name: str, fold: Callable[..., Any], arity: int = 1) -> Operation:
+    arguments = ", ".join(f"{{{i}}}" for i in range(arity))
+    return Operation(fold, f"v_{name}({arguments})", f"{name}({arguments})", calls=name)
+
+
+def _inlined(name: str, fold: Callable[..., Any], scalar: str = "", arity: int = 1) -> Operation:
+    arguments = ", ".join(f"{{{i}}}" for i in range(arity))
+    return Operation(fold, f"v_{name}({arguments})", scalar or f"{name}({arguments})")
+
+
+def _away_from_zero(a: float) -> float:
+    return math.copysign(math.floor(abs(a) + 0.5), a)
+
+
+OPERATIONS: dict[str, Operation] = {
+    "+": _arithmetic("+", np.add, commutes=True),
+    "-": _arithmetic("-", np.subtract),
+    "*": _arithmetic("*", np.multiply, commutes=True),
+    "/": _arithmetic("/", np.divide),
+    "negative": Operation(np.negative, "-{0}", "-{0}"),
+    "<": _comparison("<", np.less),
+    "<=": _comparison("<=", np.less_equal),
+    ">": _comparison(">", np.greater),
+    ">=": _comparison(">=", np.greater_equal),
+    "==": _comparison("==", np.equal),
+    "!=": _comparison("!=", np.not_equal),
+    "and": Operation(np.logical_and, "{0} & {1}", "{0} & {1}", truth=True, commutes=True),
+    "or": Operation(np.logical_or, "{0} | {1}", "{0} | {1}", truth=True, commutes=True),
+    "xor": Operation(np.logical_xor, "{0} ^ {1}", "{0} ^ {1}", truth=True, commutes=True),
+    "not": Operation(np.logical_not, "~{0}", "!{0}", truth=True),
+    "finite": Operation(np.isfinite, "v_finite({0})", "isfinite({0})", truth=True),
+    "select": Operation(lambda p, a, b: a if p else b, "v_select({0}, {1}, {2})", "{0} ? {1} : {2}"),
+    "select truth": Operation(
+        lambda p, a, b: a if p else b, "({0} & {1}) | (~{0} & {2})", "{0} ? {1} : {2}", truth=True
+    ),
+    "max": _inlined("max", np.maximum, "({0} > {1} || {0} != {0}) ? {0} : {1}", 2),
+    "min": _inlined("min", np.minimum, "({0} < {1} || {0} != {0}) ? {0} : {1}", 2),
+    "abs": _inlined("abs", np.abs, "fabs({0})"),
+    "sqrt": _inlined("sqrt", np.sqrt),
+    "rint": _inlined("rint", np.rint),
+    "floor": _inlined("floor", np.floor),
+    "ceil": _inlined("ceil", np.ceil),
+    "trunc": _inlined("trunc", np.trunc),
+    "round": _inlined("round", _away_from_zero),
+    "sign": _inlined("sign", np.sign, "{0} > 0 ? 1 : {0} < 0 ? -1 : {0}"),
+    "fmod": _function("fmod", np.fmod, 2),
+    "sin": _function("sin", np.sin),
+    "cos": _function("cos", np.cos),
+    "tan": _function("tan", np.tan),
+    "asin": _function("asin", np.arcsin),
+    "acos": _function("acos", np.arccos),
+    "atan": _function("atan", np.arctan),
+    "sinh": _function("sinh", np.sinh),
+    "cosh": _function("cosh", np.cosh),
+    "tanh": _function("tanh", np.tanh),
+    "asinh": _function("asinh", np.arcsinh),
+    "acosh": _function("acosh", np.arccosh),
+    "atanh": _function("atanh", np.arctanh),
+    "exp": _function("exp", np.exp),
+    "exp2": _function("exp2", np.exp2),
+    "expm1": _function("expm1", np.expm1),
+    "log": _function("log", np.log),
+    "log1p": _function("log1p", np.log1p),
+    "cbrt": _function("cbrt", np.cbrt),
+    "erf": _function("erf", special.erf),
+    "erfc": _function("erfc", special.erfc),
+    "lgamma": _function("lgamma", special.gammaln),
+    "atan2": _function("atan2", np.arctan2, 2),
+    "pow": _function("pow", np.power, 2),
+}

@@ -1,0 +1,176 @@
+"""The half-steps of a filter lowered to C and compiled for this machine."""
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.algebra.factor import cholesky
+from sigmax.filters import Filter
+from sigmax.models.evaluate import noise_root
+from sigmax.models.model import Model
+from sigmax.native import Graph, Program, evaluate
+from sigmax.native.driver import Step, steps
+from sigmax.native.graph import Array
+from sigmax.running.packing import Packing
+from sigmax.running.smooth_step import back
+from sigmax.running.step import Belief, begin, correct, predict
+
+# What `correct` tells, in the order of record.c.
+TOLD = ("nis", "log_likelihood", "dof", "fault")
+
+
+class Lowered:
+    """The compiled half-steps of one filter on models of one structure; made when they are first needed.
+
+    Args:
+        filter: the filter.
+        structure: the model's, as JAX flattens it.
+        zeros: of each of the model's arrays of numbers, its shape and which of its entries are always 0.
+        inputs: how many inputs u has.
+        dtype: float64 or float32.
+    """
+
+    def __init__(self, filter: Filter, structure: Any, zeros: tuple[Any, ...], inputs: int, dtype: Any) -> None:
+        self.filter, self.structure, self.inputs, self.dtype = filter, structure, inputs, np.dtype(dtype)
+        self.zeros = [np.array(pattern).reshape(shape) for shape, pattern in zeros]
+        self.n = self._model([np.zeros(z.shape) for z in self.zeros]).size
+        square = jax.ShapeDtypeStruct((self.n, self.n), self.dtype)
+        carried = jax.eval_shape(filter.form.start, square)
+        leaves, shape = jax.tree.flatten(carried)
+        self.packing = Packing(self.n, tuple(leaf.shape for leaf in leaves), shape)
+        self._made: dict[tuple[Any, ...], Step] = {}
+
+    def need(self, *parts: tuple[Any, ...]) -> list[Step]:
+        """Compiled parts: ("start",), ("predict",), ("correct", sensor, size) or ("back",).
+
+        Raises:
+            Refused: for what cannot be lowered.
+            Unavailable: without a compiler, or where it fails.
+        """
+        missing = [part for part in parts if part not in self._made]
+        if missing:
+            programs = [getattr(self, f"_{part[0]}")(*part[1:]) for part in missing]
+            self._made |= zip(missing, steps(programs, self.dtype == np.float32), strict=True)
+        return [self._made[part] for part in parts]
+
+    def parameters(self, model: Model) -> np.ndarray:
+        """The model's numbers in one row, as the compiled steps take them."""
+        leaves = [np.ravel(leaf) for leaf in jax.tree.leaves(model)]
+        return np.concatenate([*leaves, np.zeros(1)]).astype(self.dtype)
+
+    def _model(self, leaves: Sequence[Any]) -> Model:
+        return jax.tree.unflatten(self.structure, leaves)
+
+    def _program(
+        self, function: Callable[..., Any], inputs: dict[str, list[Array]], g: Graph, made: Callable[..., Any]
+    ) -> Program:
+        """Trace a function of the model's numbers and of the inputs, and evaluate it over scalars."""
+        noises, place = [], 0
+        for zero in self.zeros:
+            symbols = np.array(
+                [g.constant(0.0) if z else g.input("parameters", place + i, True) for i, z in enumerate(zero.flat)]
+                + [None],
+                dtype=object,
+            )[:-1].reshape(zero.shape)
+            place += zero.size
+            noises.append(symbols)
+        arrays = [*noises, *(a for group in inputs.values() for a in group)]
+        specs = [jax.ShapeDtypeStruct(a.shape, self.dtype) for a in arrays]
+        count = len(noises)
+        traced = jax.make_jaxpr(lambda *a: function(self._model(a[:count]), *a[count:]))(*specs)
+        return Program(g, tuple(inputs), made(evaluate(g, traced, arrays)))
+
+    def _belief(self, mean: Any, factor: Any, carried: Sequence[Any]) -> Belief:
+        return Belief(mean, factor, jax.tree.unflatten(self.packing.structure, carried))
+
+    def _given(self, g: Graph, *shapes: tuple[int, ...]) -> list[Array]:
+        """Arrays of inputs that follow each other in one group."""
+        flat = g.inputs("given", (sum(int(np.prod(s)) for s in shapes),))
+        bounds = np.cumsum([int(np.prod(s)) for s in shapes])[:-1]
+        return [part.reshape(shape) for part, shape in zip(np.split(flat, bounds), shapes, strict=True)]
+
+    def _start(self) -> Program:
+        """Mean and covariance, row by row below the diagonal -> belief."""
+        g = Graph()
+        n = self.n
+        mean, lower = self._given(g, (n,), (n * (n + 1) // 2,))
+        cov = np.empty((n, n), dtype=object)
+        for place, node in zip(zip(*np.tril_indices(n), strict=True), lower, strict=True):
+            cov[place] = cov[place[::-1]] = node
+
+        def function(model: Model, mean: Any, cov: Any) -> Any:
+            return jax.tree.leaves(begin(self.filter, mean, cholesky(cov)[0]))
+
+        return self._program(function, {"given": [mean, cov]}, g, lambda out: {"made": self.packing.nodes(out)})
+
+    def _predict(self) -> Program:
+        g = Graph()
+        count = len(self.packing.carried)
+
+        def function(model: Model, mean: Any, factor: Any, *rest: Any) -> Any:
+            belief = self._belief(mean, factor, rest[:count])
+            u = rest[count + 1] if self.inputs else None
+            return jax.tree.leaves(predict(self.filter, model, noise_root(model.Q), belief, rest[count], u))
+
+        given = self._given(g, (), *(((self.inputs,),) if self.inputs else ()))
+        inputs = {"state": self.packing.symbols(g, "state"), "given": given}
+        return self._program(
+            function, inputs, g, lambda out: {"next": self.packing.nodes(out[:-1]), "told": [out[-1][()]]}
+        )
+
+    def _correct(self, sensor: str, size: int) -> Program:
+        g = Graph()
+        count = len(self.packing.carried)
+
+        def function(model: Model, mean: Any, factor: Any, *rest: Any) -> Any:
+            belief = self._belief(mean, factor, rest[:count])
+            u = rest[count + 1] if self.inputs else None
+            new, told, fault = correct(self.filter, model, sensor, model.R[sensor], belief, rest[count], u)
+            return [*jax.tree.leaves(new), told.nis, told.log_likelihood, told.dof, fault, told.residual, told.factor]
+
+        given = self._given(g, (size,), *(((self.inputs,),) if self.inputs else ()))
+        inputs = {"state": self.packing.symbols(g, "state"), "given": given}
+        told = len(TOLD) + 2
+        return self._program(
+            function,
+            inputs,
+            g,
+            lambda out: {"next": self.packing.nodes(out[:-told]), "told": [x for a in out[-told:] for x in a.flat]},
+        )
+
+    def _back(self) -> Program:
+        """A step of the smoother: the filtered state, the smoothed later one -> the smoothed one."""
+        g = Graph()
+        plain = Packing(self.n, (), jax.tree.structure(()))
+
+        def function(
+            model: Model, mean: Any, factor: Any, later: Any, later_factor: Any, dt: Any, fault: Any, *u: Any
+        ) -> Any:
+            noise = noise_root(model.Q)
+            (new, root), failed = back(
+                self.filter, model, noise, (mean, factor), (later, later_factor), fault, dt, u[0] if u else None
+            )
+            return new, root, failed
+
+        dt, *u, fault = self._given(g, (), *(((self.inputs,),) if self.inputs else ()), ())
+        later = [plain.symbols(g, "later"), plain.symbols(g, "state")]
+        inputs = {"state": later[1], "later": later[0], "given": [dt, fault, *u]}
+        return self._program(function, inputs, g, lambda out: {"next": plain.nodes(out[:-1]), "told": [out[-1][()]]})
+
+
+@lru_cache(maxsize=256)
+def _lowered(filter: Filter, structure: Any, zeros: tuple[Any, ...], inputs: int, dtype: Any) -> Lowered:
+    return Lowered(filter, structure, zeros, inputs, dtype)
+
+
+def lowered(filter: Filter, model: Model, inputs: int, dtype: Any, known_zeros: bool = True) -> Lowered:
+    """The compiled half-steps for a model, shared by models that differ in the numbers of their noises alone."""
+    leaves, structure = jax.tree.flatten(model)
+    arrays = [np.asarray(leaf) for leaf in leaves]
+    zeros = tuple((a.shape, tuple((a == 0).ravel().tolist() if known_zeros else [False] * a.size)) for a in arrays)
+    used = inputs
+    return _lowered(filter, structure, zeros, used, jnp.dtype(dtype))

@@ -1,0 +1,155 @@
+"""Records through XLA: for gradients, for GPUs, and where a model cannot be lowered to C."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.algebra.compiling import compiled
+from sigmax.algebra.factor import cholesky
+from sigmax.filters import Filter
+from sigmax.models.checks import is_traced
+from sigmax.models.evaluate import noise_root
+from sigmax.models.model import Model
+from sigmax.running.edge import Prepared
+from sigmax.running.step import Belief, Innovation, begin, correct, predict
+
+_SMALLEST_PART = 256
+
+Parts = tuple[Any, dict[str, Any]]
+
+
+class _Laid(NamedTuple):
+    """A record as the engine takes it: time first, batch last or absent."""
+
+    mean: Any
+    cov: Any
+    z: Any
+    dt: Any
+    u: Any
+
+
+def batch_first(a: Any) -> Any:
+    """An array of the engine, batch last, with the batch first: a view where its numbers are known."""
+    return jnp.moveaxis(a, -1, 0) if is_traced(a) else np.moveaxis(np.asarray(a), -1, 0)
+
+
+def batch_last(a: Any, core: int) -> Any:
+    """An array with the batch, if it has one before its `core` axes, behind them."""
+    a = jnp.asarray(a)
+    return jnp.moveaxis(a, 0, -1) if a.ndim > core else a
+
+
+def filtered(filter: Filter, keep: frozenset[str], ready: Prepared, traced: bool) -> Parts:
+    """The total log-likelihood and what is kept, by track and time."""
+    laid = _Laid(
+        batch_last(ready.mean, 1),
+        batch_last(ready.cov, 2),
+        {s: batch_last(v, 2) for s, v in ready.z.items()},
+        batch_last(ready.dt, 1),
+        None if ready.u is None else batch_last(ready.u, 2),
+    )
+    if ready.batch is not None:
+        B = ready.batch
+        laid = laid._replace(
+            mean=laid.mean if laid.mean.ndim == 2 else jnp.repeat(laid.mean[:, None], B, 1),
+            cov=laid.cov if laid.cov.ndim == 3 else jnp.repeat(laid.cov[:, :, None], B, 2),
+            z={s: v if v.ndim == 3 else jnp.repeat(v[:, :, None], B, 2) for s, v in laid.z.items()},
+        )
+    if traced:
+        made = jax.jit(_scan, static_argnums=(0, 1))(filter, keep, ready.model, *laid)
+    else:
+        made = _over_cores(filter, keep, ready.model, laid)
+    if ready.batch is None:
+        return made if traced else jax.tree.map(np.asarray, made)
+    return jax.tree.map(batch_first, made)
+
+
+def _over_cores(filter: Filter, keep: frozenset[str], model: Model, laid: _Laid) -> Parts:
+    """A large batch in as many equal parts as there are cores: the compiler alone uses little more than one."""
+    cores = os.cpu_count() or 1
+    batch = laid.mean.shape[1] if laid.mean.ndim == 2 else 1
+    if jax.default_backend() != "cpu" or cores == 1 or batch < cores * _SMALLEST_PART:
+        return _compiled_scan(filter, keep, model, *laid)
+    size = -(-batch // cores)
+    # Equal parts share one compilation; the last one repeats some tracks to be as long as the others.
+    starts = [min(i * size, batch - size) for i in range(cores)]
+    cuts = (True, True, True, laid.dt.ndim == 2, laid.u is not None and laid.u.ndim == 3)
+
+    def part(start: int) -> Parts:
+        mine = (
+            jax.tree.map(lambda a: a[..., start : start + size], value) if cut else value
+            for value, cut in zip(laid, cuts, strict=True)
+        )
+        return jax.block_until_ready(_compiled_scan(filter, keep, model, *mine))
+
+    with ThreadPoolExecutor(cores) as pool:
+        parts = list(pool.map(part, starts))
+    overlap = starts[-2] + size - starts[-1]
+
+    def joined(*pieces: Any) -> Any:
+        return np.concatenate([*pieces[:-1], np.asarray(pieces[-1])[..., overlap:]], axis=-1)
+
+    return jax.tree.map(joined, *parts)
+
+
+def _scan(
+    filter: Filter, keep: frozenset[str], model: Model, mean: Any, cov: Any, z: dict[str, Any], dt: Any, u: Any
+) -> Parts:
+    """The run over a record: total log-likelihood and what is kept, batch last."""
+    root = noise_root(model.Q)
+
+    def step(carry: tuple[Belief, jax.Array], at: _Laid) -> tuple[tuple[Belief, jax.Array], dict[str, Any]]:
+        belief, total = carry
+        belief, fault = predict(filter, model, root, belief, at.dt, at.u)
+        sound = fault == 0
+        told = {}
+        for sensor, measured in at.z.items():
+            measured = jnp.where(sound, measured, jnp.nan)
+            belief, told[sensor], failed = _corrected(filter, model, sensor, belief, measured, at.u, len(z) > 1)
+            fault = jnp.where(fault == 0, failed, fault)
+        count = sum(i.dof for i in told.values())
+        log_likelihood = sum(i.log_likelihood for i in told.values())
+        nis = sum(jnp.where(i.dof > 0, i.nis, 0) for i in told.values())
+        parts = {
+            "mean": belief.mean,
+            "factor": belief.factor,
+            "fault": fault,
+            "nis": jnp.where(count > 0, nis, jnp.nan),
+            "dof": count,
+            "step_log_likelihood": log_likelihood,
+            "innovation": told,
+        }
+        return (belief, total + log_likelihood), {name: parts[name] for name in keep}
+
+    started = begin(filter, mean, cholesky(cov)[0])
+    zero = jnp.zeros(mean.shape[1:], mean.dtype)
+    records = _Laid(mean=None, cov=None, z=z, dt=dt, u=u)
+    (_, total), parts = jax.lax.scan(step, (started, zero), records)
+    return total, parts
+
+
+_compiled_scan = compiled(_scan, static=(0, 1))
+
+
+def _corrected(
+    filter: Filter, model: Model, sensor: str, belief: Belief, z: Any, u: Any, skip: bool
+) -> tuple[Belief, Innovation, jax.Array]:
+    """A correction; where there are several sensors, one that nobody heard from in this step costs nothing."""
+
+    def heard(belief: Belief) -> tuple[Belief, Innovation, jax.Array]:
+        return correct(filter, model, sensor, model.R[sensor], belief, z, u)
+
+    if not skip:
+        return heard(belief)
+
+    def silent(belief: Belief) -> tuple[Belief, Innovation, jax.Array]:
+        _, told, fault = jax.eval_shape(heard, belief)
+        empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), told)
+        missing = empty._replace(residual=jnp.full_like(empty.residual, jnp.nan), nis=jnp.full_like(empty.nis, jnp.nan))
+        return belief, missing, jnp.zeros(fault.shape, fault.dtype)
+
+    return jax.lax.cond(jnp.isfinite(z).any(), heard, silent, belief)
