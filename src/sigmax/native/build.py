@@ -14,7 +14,10 @@ import platformdirs
 from sigmax.native.machine import compiler, lane_bytes, processor
 
 # Without errno and traps compilers may use vector instructions; NaN and infinity keep their meaning.
-_FLAGS = ("-O2", "-std=gnu99", "-march=native", "-fPIC", "-shared", "-w", "-fno-math-errno", "-fno-trapping-math")
+_FLAGS = ("-std=gnu99", "-march=native", "-fPIC", "-shared", "-w", "-fno-math-errno", "-fno-trapping-math")
+_FLAGS += ("-ffp-contract=fast",)
+# A step comes without anything to propagate, to merge or to drop: looking for it takes most of the time.
+_IDLE = ("dse", "tree-dse", "tree-fre", "tree-dominator-opts", "tree-pta", "tree-ccp", "tree-copy-prop")
 _HERE = Path(__file__).parent / "c"
 _LONGEST_SECONDS = 900
 
@@ -56,21 +59,30 @@ def _foundation() -> bytes:
 
 
 @cache
-def load(source: str, single: bool = False) -> ctypes.CDLL:
+def load(source: str, single: bool, straight: bool) -> ctypes.CDLL:
     """The library made from C source that includes lanes.h: from this process, the cache or the compiler.
+
+    `single` makes R a float; `straight` says that the source is a straight line.
 
     Safe beside other processes doing the same; a damaged file in the cache is made again.
 
     Raises:
         Unavailable: without a compiler, or where it fails.
     """
-    settings = (f"-DSIGMAX_FLOAT={int(single)}", f"-DSIGMAX_BYTES={lane_bytes()}")
+    settings = (*_optimisation(straight), f"-DSIGMAX_FLOAT={int(single)}", f"-DSIGMAX_BYTES={lane_bytes()}")
     key = hashlib.sha256(b"\n".join([_foundation(), *(s.encode() for s in settings), source.encode()])).hexdigest()
     folder = _folder(os.environ.get("SIGMAX_CACHE")) / key[:2]
     return ctypes.CDLL(str(_kept(folder, key) or _compiled(folder, key, source, settings)))
 
 
-def load_all(sources: list[tuple[str, bool]]) -> list[ctypes.CDLL]:
+def _optimisation(straight: bool) -> list[str]:
+    found = compiler()
+    if not straight:
+        return ["-O2"]
+    return ["-O1", *(f"-fno-{name}" for name in _IDLE)] if found is not None and found.is_gcc else ["-O1"]
+
+
+def load_all(sources: list[tuple[str, bool, bool]]) -> list[ctypes.CDLL]:
     """Several libraries, compiled side by side."""
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         return list(pool.map(lambda one: load(*one), sources))

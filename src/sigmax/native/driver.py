@@ -89,7 +89,7 @@ def steps(programs: Sequence[Program], single: bool) -> list[Step]:
         Unavailable: without a compiler, or where it fails.
     """
     vectors = vector_functions(single)
-    sources = [(_DRIVER.read_text(), single), *((lanes_source(p, vectors), single) for p in programs)]
+    sources = [(_DRIVER.read_text(), single, False), *((lanes_source(p, vectors), single, True) for p in programs)]
     _, *libraries = load_all(sources)
     return [_step(library, np.dtype(np.float32 if single else np.float64)) for library in libraries]
 
@@ -112,7 +112,7 @@ def _step(library: ctypes.CDLL, dtype: np.dtype[Any]) -> Step:
 @cache
 def driver(single: bool) -> Mapping[str, Any]:
     """The functions of record.c by name."""
-    library = load(_DRIVER.read_text(), single)
+    library = load(_DRIVER.read_text(), single, straight=False)
     made = {}
     for name in ("record", "backwards", "rows"):
         function = getattr(library, name)

@@ -5,6 +5,7 @@ import hashlib
 import importlib.util
 import os
 import platform
+import shlex
 import shutil
 import sys
 from functools import cache
@@ -20,15 +21,23 @@ class Compiler(NamedTuple):
     command: tuple[str, ...]
     identity: str
 
+    @property
+    def is_gcc(self) -> bool:
+        """Whether it is GCC, by the name of the file that is run in the end."""
+        return len(self.command) == 1 and "gcc" in Path(self.command[0]).resolve().name
+
 
 @cache
 def compiler() -> Compiler | None:
-    """The compiler that SIGMAX_CC names, else cc, gcc or clang, else the one in the package ziglang."""
+    """The compiler that SIGMAX_CC names, with arguments or not; else cc, gcc or clang, else that of the package ziglang.
+
+    An empty SIGMAX_CC means none.
+    """
     named = os.environ.get("SIGMAX_CC")
-    for name in [named] if named is not None else ["cc", "gcc", "clang"]:
-        found = shutil.which(name) if name else None
+    for words in [shlex.split(named)] if named is not None else [["cc"], ["gcc"], ["clang"]]:
+        found = shutil.which(words[0]) if words else None
         if found:
-            return Compiler((found,), _file_identity(Path(found)))
+            return Compiler((found, *words[1:]), _file_identity(Path(found)))
     if named is None and importlib.util.find_spec("ziglang"):
         zig = Path(str(importlib.util.find_spec("ziglang").origin)).parent / "zig"  # type: ignore[union-attr]
         return Compiler((sys.executable, "-m", "ziglang", "cc"), _file_identity(zig))
