@@ -11,11 +11,13 @@ from pathlib import Path
 
 import platformdirs
 
-from sigmax.native.machine import compiler, lane_bytes, processor
+from sigmax.native.machine import compiler, cores, lane_bytes, processor
 
 # Without errno and traps compilers may use vector instructions; NaN and infinity keep their meaning.
-_FLAGS = ("-std=gnu99", "-march=native", "-fPIC", "-shared", "-w", "-fno-math-errno", "-fno-trapping-math")
-_FLAGS += ("-ffp-contract=fast",)
+_FLAGS = (
+    *("-std=gnu99", "-march=native", "-fPIC", "-shared", "-w"),
+    *("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast"),
+)
 # A step comes without anything to propagate, to merge or to drop: looking for it takes most of the time.
 _IDLE = ("dse", "tree-dse", "tree-fre", "tree-dominator-opts", "tree-pta", "tree-ccp", "tree-copy-prop")
 _HERE = Path(__file__).parent / "c"
@@ -84,7 +86,7 @@ def _optimisation(straight: bool) -> list[str]:
 
 def load_all(sources: list[tuple[str, bool, bool]]) -> list[ctypes.CDLL]:
     """Several libraries, compiled side by side."""
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         return list(pool.map(lambda one: load(*one), sources))
 
 

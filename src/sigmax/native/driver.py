@@ -1,7 +1,6 @@
 """Compiled steps called from Python: over records, backwards, and over rows."""
 
 import ctypes
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -12,7 +11,7 @@ import numpy as np
 
 from sigmax.native.build import load, load_all
 from sigmax.native.emit import Program, lanes_source
-from sigmax.native.machine import lane_bytes, vector_functions
+from sigmax.native.machine import cores, lane_bytes, vector_functions
 
 _DRIVER = Path(__file__).parent / "c" / "record.c"
 
@@ -124,18 +123,18 @@ def driver(single: bool) -> Mapping[str, Any]:
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="sigmax")
+    return ThreadPoolExecutor(cores(), thread_name_prefix="sigmax")
 
 
 def over_cores(function: Any, job: ctypes.Structure, tracks: int, single: bool) -> None:
     """Call a function of the driver over all tracks, in parts of whole lanes, one for each core."""
     lanes = lane_bytes() // (4 if single else 8)
-    cores = os.cpu_count() or 1
+    parts = cores()
     address = ctypes.addressof(job)
-    if cores == 1 or tracks < 2 * lanes:
+    if parts == 1 or tracks < 2 * lanes:
         function(address, 0, tracks)
         return
-    size = -(-tracks // (cores * lanes)) * lanes
+    size = -(-tracks // (parts * lanes)) * lanes
     bounds = [(first, min(first + size, tracks)) for first in range(0, tracks, size)]
     for done in [_pool().submit(function, address, *bound) for bound in bounds]:
         done.result()

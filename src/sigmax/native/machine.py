@@ -29,9 +29,9 @@ class Compiler(NamedTuple):
 
 @cache
 def compiler() -> Compiler | None:
-    """The compiler that SIGMAX_CC names, with arguments or not; else cc, gcc or clang, else that of the package ziglang.
+    """The compiler that SIGMAX_CC names, else cc, gcc or clang, else that of the package ziglang.
 
-    An empty SIGMAX_CC means none.
+    SIGMAX_CC may hold arguments too; empty it means none.
     """
     named = os.environ.get("SIGMAX_CC")
     for words in [shlex.split(named)] if named is not None else [["cc"], ["gcc"], ["clang"]]:
@@ -62,6 +62,11 @@ def features() -> frozenset[str]:
         return frozenset()
     lines = (line.partition(":")[2] for line in text.splitlines() if line.lower().startswith(("flags", "features")))
     return frozenset(next(lines, "").split())
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def processor() -> str:
