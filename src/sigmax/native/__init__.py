@@ -5,10 +5,10 @@ Nothing here knows what a filter is.
 
 from sigmax.native import elementwise, indexing, structure
 from sigmax.native.build import Unavailable
-from sigmax.native.emit import Program
 from sigmax.native.graph import Graph
 from sigmax.native.interpret import evaluate
 from sigmax.native.machine import compiler
+from sigmax.native.pieces import Program
 from sigmax.native.refusal import Refused
 
 __all__ = [

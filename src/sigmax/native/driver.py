@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.native.build import load, load_all
-from sigmax.native.emit import Program, lanes_source
+from sigmax.native.emit import lanes_source
 from sigmax.native.machine import cores, lane_bytes, vector_functions
+from sigmax.native.pieces import Program
 
 _DRIVER = Path(__file__).parent / "c" / "record.c"
 
