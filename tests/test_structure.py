@@ -13,7 +13,7 @@ import sigmax
 ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "sigmax"
 FILES = sorted(SOURCE.rglob("*.py"))
-ORDER = ["errors", "native", "algebra", "rules", "forms", "filters", "models", "running", "records", "reports", "cli"]
+ORDER = ["errors", "native", "algebra", "rules", "forms", "filters", "models", "running", "records", "reports", "export", "cli"]
 
 
 def layer(path):

@@ -84,6 +84,55 @@ def records_command() -> None:
     print_records()
 
 
+export = typer.Typer(help="Write a filter out as source code.", no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(export, name="export")
+
+
+@export.callback()
+def export_group() -> None:
+    """Write a filter out as source code for other machines.
+
+    Example: sigmax export c radar-ct --filter SRECKFB --out radar
+    """
+
+
+@export.command("c")
+def export_c_command(
+    model: Annotated[
+        str,
+        typer.Argument(
+            help="A built-in model (see: sigmax models), a record's TOML file, or file.py:function that gives "
+            "(model, prior).",
+            show_default=False,
+        ),
+    ],
+    filter: Annotated[str, typer.Option("--filter", "-f", help="NAME or NAME:parameter=value,…")] = "SRECKFB",
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the files. Without it: export/MODEL.", show_default=False),
+    ] = None,
+    single: Annotated[bool, typer.Option("--float", help="Numbers of type float instead of double.")] = False,
+) -> None:
+    """Write a filter on a model as self-contained C99 with a test program and a Makefile.
+
+    Example: sigmax export c radar-ct --filter SRECKFB --out radar && make -C radar test
+    """
+    from sigmax.cli.export import export_model
+
+    export_model(model, filter, out, single)
+
+
+@app.command("models")
+def models_command() -> None:
+    """List the built-in models.
+
+    Example: sigmax models
+    """
+    from sigmax.cli.lists import print_models
+
+    print_models()
+
+
 def main() -> None:
     """Run the command line; what the user gave wrongly is one message and exit status 2."""
     try:

@@ -4,6 +4,7 @@ from rich.console import Console
 from rich.table import Table
 
 from sigmax.filters import catalogue, get
+from sigmax.models.builtin import BUILTIN
 from sigmax.records.load import builtin
 
 
@@ -27,9 +28,18 @@ def _short(rule: object) -> str:
 
 def print_records() -> None:
     """The built-in records as a table."""
+    _print_about({name: record.about for name, record in builtin().items()})
+
+
+def print_models() -> None:
+    """The built-in models as a table."""
+    _print_about({name: make().about for name, make in BUILTIN.items()})
+
+
+def _print_about(lines: dict[str, str]) -> None:
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("name", no_wrap=True)
     table.add_column("what it is")
-    for name, record in builtin().items():
-        table.add_row(name, record.about)
+    for line in lines.items():
+        table.add_row(*line)
     Console().print(table)

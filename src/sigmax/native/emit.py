@@ -48,6 +48,7 @@ def _dialect(kept: Sequence[Node]) -> Dialect:
         number="V",
         truth="M",
         linkage="static __attribute__((noinline))",
+        entry="",
         before=("const R *c", "c"),
         spell=_spelled,
         constant=_constant,

@@ -50,8 +50,7 @@ def evaluate_open(g: Graph, jaxpr: Jaxpr, constants: Sequence[Array], arguments:
         found = RULES.get(name)
         if found is None:
             raise Refused(f"the operation {name!r} cannot be lowered to C{line_of(equation)}")
-        label = str(equation.source_info.name_stack)
-        g.label = f"{outer}/{label}" if outer and label else outer or label
+        g.label = outer or str(equation.source_info.name_stack).partition("/")[0]
         try:
             made = found(g, equation, *map(read, equation.invars))
         except Refused as error:

@@ -28,6 +28,11 @@ class Program(NamedTuple):
         """The nodes of all groups of outputs."""
         return [node for group in self.outputs.values() for node in group]
 
+    @property
+    def operations(self) -> int:
+        """How many scalar operations it takes."""
+        return sum(n.operation not in ("input", "constant") for n in needed(self.results))
+
 
 class Dialect(NamedTuple):
     """How a graph is spelled.
@@ -36,6 +41,7 @@ class Dialect(NamedTuple):
         number: type of a number.
         truth: type of a truth value.
         linkage: what stands before the functions of the pieces.
+        entry: what stands before the function itself.
         before: the arguments before the inputs: declared, and as they are passed on.
         spell: a node and the names of its arguments -> the expression.
         constant: a node that is known -> its expression.
@@ -50,6 +56,7 @@ class Dialect(NamedTuple):
     number: str
     truth: str
     linkage: str
+    entry: str
     before: tuple[str, str]
     spell: Callable[[Node, Sequence[str]], str]
     constant: Callable[[Node], str]
@@ -137,11 +144,11 @@ def function(program: Program, name: str, dialect: Dialect) -> list[str]:
     handed = ", ".join([*([passed] if passed else []), *groups])
     lines: list[str] = []
     if len(cut.pieces) == 1:
-        return [f"void {name}({arguments}) {{", *_piece(program, cut, 0, dialect, groups), "}"]
+        return [f"{dialect.entry}void {name}({arguments}) {{", *_piece(program, cut, 0, dialect, groups), "}"]
     for k in range(len(cut.pieces)):
         lines.append(f"{dialect.linkage} void {name}_{k}({arguments}, {number} *w) {{")
         lines += [*_piece(program, cut, k, dialect, [*groups, "w"]), "}"]
-    lines += [f"void {name}({arguments}) {{", f"    {number} w[{max(cut.size, 1)}];"]
+    lines += [f"{dialect.entry}void {name}({arguments}) {{", f"    {number} w[{max(cut.size, 1)}];"]
     return [*lines, *(f"    {name}_{k}({handed}, w);" for k in range(len(cut.pieces))), "}"]
 
 

@@ -5,7 +5,6 @@ from functools import lru_cache
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.factor import cholesky
@@ -32,10 +31,21 @@ class Lowered:
         zeros: of each of the model's arrays of numbers, its shape and which of its entries are always 0.
         inputs: how many inputs u has.
         dtype: float64 or float32.
+        numbers: the model's arrays of numbers where they are to be constants of the programs, else
+            they are parameters.
     """
 
-    def __init__(self, filter: Filter, structure: Any, zeros: tuple[Any, ...], inputs: int, dtype: Any) -> None:
+    def __init__(
+        self,
+        filter: Filter,
+        structure: Any,
+        zeros: tuple[Any, ...],
+        inputs: int,
+        dtype: Any,
+        numbers: Sequence[np.ndarray] | None = None,
+    ) -> None:
         self.filter, self.structure, self.inputs, self.dtype = filter, structure, inputs, np.dtype(dtype)
+        self._numbers = numbers
         self.zeros = [np.array(pattern).reshape(shape) for shape, pattern in zeros]
         self.n = self._model([np.zeros(z.shape) for z in self.zeros]).size
         square = jax.ShapeDtypeStruct((self.n, self.n), self.dtype)
@@ -53,9 +63,18 @@ class Lowered:
         """
         missing = [part for part in parts if part not in self._made]
         if missing:
-            programs = [getattr(self, f"_{part[0]}")(*part[1:]) for part in missing]
+            programs = [self.program(*part) for part in missing]
             self._made |= zip(missing, steps(programs, self.dtype == np.float32), strict=True)
         return [self._made[part] for part in parts]
+
+    def program(self, part: str, *about: Any) -> Program:
+        """One part of the filter, lowered: see `need`.
+
+        Raises:
+            Refused: for what cannot be lowered.
+        """
+        made: Program = getattr(self, f"_{part}")(*about)
+        return made
 
     def parameters(self, model: Model) -> np.ndarray:
         """The model's numbers in one row, as the compiled steps take them."""
@@ -70,7 +89,7 @@ class Lowered:
     ) -> Program:
         """Trace a function of the model's numbers and of the inputs, and evaluate it over scalars."""
         noises, place = [], 0
-        for zero in self.zeros:
+        for zero in self.zeros if self._numbers is None else ():
             symbols = np.array(
                 [g.constant(0.0) if z else g.input("parameters", place + i, True) for i, z in enumerate(zero.flat)]
                 + [None],
@@ -78,6 +97,7 @@ class Lowered:
             )[:-1].reshape(zero.shape)
             place += zero.size
             noises.append(symbols)
+        noises += [g.constants(a) for a in self._numbers or ()]
         arrays = [*noises, *(a for group in inputs.values() for a in group)]
         specs = [jax.ShapeDtypeStruct(a.shape, self.dtype) for a in arrays]
         count = len(noises)
@@ -94,7 +114,7 @@ class Lowered:
         return [part.reshape(shape) for part, shape in zip(np.split(flat, bounds), shapes, strict=True)]
 
     def _start(self) -> Program:
-        """Mean and covariance, row by row below the diagonal -> belief."""
+        """Mean and covariance, row by row below the diagonal -> belief, and whether it is one."""
         g = Graph()
         n = self.n
         mean, lower = self._given(g, (n,), (n * (n + 1) // 2,))
@@ -103,9 +123,13 @@ class Lowered:
             cov[place] = cov[place[::-1]] = node
 
         def function(model: Model, mean: Any, cov: Any) -> Any:
-            return jax.tree.leaves(begin(self.filter, mean, cholesky(cov)[0]))
+            factor, sound = cholesky(cov)
+            return [*jax.tree.leaves(begin(self.filter, mean, factor)), sound]
 
-        return self._program(function, {"given": [mean, cov]}, g, lambda out: {"made": self.packing.nodes(out)})
+        def made(out: list[Array]) -> dict[str, Any]:
+            return {"made": self.packing.nodes(out[:-1]), "told": [out[-1][()]]}
+
+        return self._program(function, {"given": [mean, cov]}, g, made)
 
     def _predict(self) -> Program:
         g = Graph()
@@ -170,7 +194,15 @@ def _lowered(filter: Filter, structure: Any, zeros: tuple[Any, ...], inputs: int
 def lowered(filter: Filter, model: Model, inputs: int, dtype: Any, known_zeros: bool = True) -> Lowered:
     """The compiled half-steps for a model, shared by models that differ in the numbers of their noises alone."""
     leaves, structure = jax.tree.flatten(model)
+    return _lowered(filter, structure, _zeros(leaves, known_zeros), inputs, np.dtype(dtype))
+
+
+def with_numbers(filter: Filter, model: Model, inputs: int, dtype: Any) -> Lowered:
+    """The half-steps with the numbers of the noises as constants."""
+    leaves, structure = jax.tree.flatten(model)
+    return Lowered(filter, structure, _zeros(leaves, True), inputs, dtype, [np.asarray(leaf) for leaf in leaves])
+
+
+def _zeros(leaves: Sequence[Any], known: bool) -> tuple[Any, ...]:
     arrays = [np.asarray(leaf) for leaf in leaves]
-    zeros = tuple((a.shape, tuple((a == 0).ravel().tolist() if known_zeros else [False] * a.size)) for a in arrays)
-    used = inputs
-    return _lowered(filter, structure, zeros, used, jnp.dtype(dtype))
+    return tuple((a.shape, tuple((a == 0).ravel().tolist() if known else [False] * a.size)) for a in arrays)

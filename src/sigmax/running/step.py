@@ -83,16 +83,20 @@ def predict(
     `root` is the factor of a Q that is given as numbers (`noise_root(model.Q)`).
     """
     x, S, _ = belief
-    line = filter.predict(moving(model, dt, u, x.ndim > 1), x, S, model.angular)
-    Lq, noise_sound = motion_noise(model, root, x, dt, u)
-    predicted = filter.form.predict(line, Lq)
+    with jax.named_scope("the motion, linearised"):
+        line = filter.predict(moving(model, dt, u, x.ndim > 1), x, S, model.angular)
+    with jax.named_scope("the noise of the motion"):
+        Lq, noise_sound = motion_noise(model, root, x, dt, u)
+    with jax.named_scope("the predicted covariance"):
+        predicted = filter.form.predict(line, Lq)
     new = _in_domain(filter, model, Belief(line.mean, predicted.factor, predicted.carried))
-    fault = _first(
-        (~_finite(line.mean, line.slope, line.residual), Fault.MOTION_NOT_FINITE),
-        (~noise_sound, Fault.MOTION_NOISE_INDEFINITE),
-        (~(predicted.sound & _finite(new.mean, new.factor)), Fault.PREDICTION_INDEFINITE),
-    )
-    return _keep(fault == 0, new, belief), fault
+    with jax.named_scope("is it sound?"):
+        fault = _first(
+            (~_finite(line.mean, line.slope, line.residual), Fault.MOTION_NOT_FINITE),
+            (~noise_sound, Fault.MOTION_NOISE_INDEFINITE),
+            (~(predicted.sound & _finite(new.mean, new.factor)), Fault.PREDICTION_INDEFINITE),
+        )
+        return _keep(fault == 0, new, belief), fault
 
 
 def correct(
@@ -102,15 +106,18 @@ def correct(
     x, S, carried = belief
     seen = ~jnp.isnan(z)
     angular = model.measured_angular(sensor, z.shape[0])
-    line = filter.correct(sensing(model, sensor, u, x.ndim > 1), x, S, angular)
-    Lr, noise_sound = sensor_noise(R, x, u, seen)
+    with jax.named_scope("the sensor, linearised"):
+        line = filter.correct(sensing(model, sensor, u, x.ndim > 1), x, S, angular)
+    with jax.named_scope("the noise of the sensor"):
+        Lr, noise_sound = sensor_noise(R, x, u, seen)
     innovation = jnp.where(seen, wrap(jnp.where(seen, z, 0) - line.mean, angular), 0)
     line = line._replace(
         slope=jnp.where(seen[:, None], line.slope, 0),
         residual=jnp.where(seen[:, None], line.residual, 0),
         deficit=jnp.where(seen[:, None], line.deficit, 0),
     )
-    done = filter.form.correct(S, carried, line, Lr, innovation)
+    with jax.named_scope("the correction"):
+        done = filter.form.correct(S, carried, line, Lr, innovation)
     moved = Belief(wrap(x + done.shift, model.angular), done.factor, done.carried)
     new = _in_domain(filter, model, moved)
     diagonal = jnp.stack([done.innovation_factor[i, i] for i in range(z.shape[0])])

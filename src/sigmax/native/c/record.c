@@ -174,7 +174,7 @@ void backwards(const Smoothing *s, long first, long end) {
     }
 }
 
-typedef void (*Map)(const R *c, const V *given, V *made);
+typedef void (*Map)(const R *c, const V *given, V *made, V *told);
 
 typedef struct {
     Map map;
@@ -186,11 +186,11 @@ typedef struct {
 
 /* A step applied to each row of an array. */
 void rows(const Rows *r, long first, long end) {
-    V given[r->given.size], made[r->size];
+    V given[r->given.size], made[r->size], told[1];
     for (; first < end; first += W) {
         const int lanes = first + W <= end ? W : (int)(end - first);
         gather(&r->given, first, end, 0, given);
-        r->map(r->c, given, made);
+        r->map(r->c, given, made, told);
         for (int lane = 0; lane < lanes; lane++) put(made, r->size, lane, r->made + (first + lane) * r->size);
     }
 }

@@ -1,0 +1,137 @@
+"""`sigmax export c`: a filter on a model as a folder of C99."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import sigmax
+from sigmax.errors import InputError
+from sigmax.export.source import Names, header, identifier, source
+from sigmax.export.testing import makefile, test_program
+from sigmax.export.vectors import recorded
+from sigmax.filters import Filter
+from sigmax.models.gaussian import Gaussian
+from sigmax.models.model import Model
+from sigmax.native import Refused
+from sigmax.running.edge import as_filter, cast, prepare, run_type
+from sigmax.running.lowered import with_numbers
+
+# Largest difference of the test program: rounding of another order of operations, grown over the steps.
+_TOLERANCE = {"float64": 1e-9, "float32": 2e-2}
+
+
+class Exported(NamedTuple):
+    """What was written.
+
+    Attributes:
+        files: their paths.
+        operations: scalar operations of predict, and of each sensor's update by its name.
+    """
+
+    files: tuple[Path, ...]
+    operations: dict[str, int]
+
+
+def export_c(
+    filter: Filter | str,
+    model: Model,
+    prior: Gaussian,
+    folder: Path | str,
+    *,
+    name: str = "filter",
+    dt: float = 1.0,
+    inputs: Any = None,
+    dtype: Any = "float64",
+    about: str = "",
+) -> Exported:
+    """Write a filter on a model as self-contained C99: header, source, test program, Makefile.
+
+    No allocation, no library but libm, the same operations in the same order on every call.
+
+    Args:
+        filter: a name of the catalogue, or a filter.
+        model: the model; its noises become constants of the source.
+        prior: where the test program starts, (n,).
+        folder: where to write; made if it is not there.
+        name: what the files and functions are called.
+        dt: seconds between the steps of the test program.
+        inputs: (k,) inputs of the test program, for models that take u.
+        dtype: float64 for `double`, float32 for `float`.
+        about: a line for the head of the files.
+
+    Raises:
+        InputError: for what does not fit, or a model that cannot be lowered, with the line that is the reason.
+    """
+    chosen, dtype, prefix = as_filter(filter), run_type(dtype), identifier(name)
+    if prior.mean.ndim != 1:
+        raise InputError("an exported filter starts from one prior, not from a batch")
+    u = None if inputs is None else np.asarray(inputs, float)
+    sizes = _sizes(model, u)
+    nothing = {s: np.full((1, m), np.nan) for s, m in sizes.items()}
+    prepare(chosen, model, prior, nothing if model.several else nothing[""], dt, None if u is None else u[None], dtype)
+    low = with_numbers(chosen, cast(model, dtype), 0 if u is None else len(u), dtype)
+    try:
+        programs = {"start": low.program("start"), "predict": low.program("predict")}
+        programs |= {s: low.program("correct", s, m) for s, m in sizes.items()}
+    except Refused as error:
+        raise InputError(f"this model cannot be exported: {error}") from error
+    parts = {
+        s: tuple(identifier(c) for c in model.measurement[s] or [f"z{i}" for i in range(m)]) for s, m in sizes.items()
+    }
+    carried = low.packing.size - low.n * (low.n + 3) // 2
+    names = Names(prefix, tuple(identifier(c) for c in model.state), parts, carried, 0 if u is None else len(u))
+    single = dtype == np.float32
+    vectors = recorded(chosen, model, prior, dt, u, dtype)
+    if vectors.fault.any():
+        step = int(np.argmax(vectors.fault > 0))
+        raise InputError(f"{chosen.name} fails on the simulated test record at step {step}")
+    head = _head(chosen, model, name, about, single)
+    out = Path(folder)
+    texts = {
+        f"{prefix}.h": header(names, head, single),
+        f"{prefix}.c": source(names, programs, head, single),
+        f"test_{prefix}.c": test_program(names, vectors, prior, single, _TOLERANCE[str(dtype)]),
+        "Makefile": makefile(prefix),
+    }
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for file, text in texts.items():
+            (out / file).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{out} cannot be written: {error}") from error
+    counted = {k or "update": p.operations for k, p in programs.items() if k != "start"}
+    return Exported(tuple(out / file for file in texts), counted)
+
+
+def _sizes(model: Model, u: np.ndarray | None) -> dict[str, int]:
+    """The number of components of each sensor."""
+    x = jnp.zeros(model.size)
+    found = {}
+    for s, h in model.sensors.items():
+        if model.sensor_inputs[s] and u is None:
+            raise InputError("the model takes inputs u; give inputs=")
+        given = (u,) if model.sensor_inputs[s] else ()
+        found[s] = jax.eval_shape(h, x, *given).shape[0]
+    return found
+
+
+def _head(filter: Filter, model: Model, name: str, about: str, single: bool) -> str:
+    lines = [
+        f"{name}: {filter.name}{f' for {about}' if about else ''}, written by sigmax {sigmax.__version__}.",
+        f"Prediction {filter.predict}, correction {filter.correct}, form {filter.form.name}; "
+        f"numbers are {'float' if single else 'double'}.",
+        "SI units and radians. Nothing is allocated, nothing but libm is called, every call does the same operations.",
+        f"Q per second{_numbers(model.Q)}.",
+        *(f"R{f' of {s}' if s else ''}{_numbers(R)}." for s, R in model.R.items()),
+    ]
+    return "\n".join(lines)
+
+
+def _numbers(noise: Any) -> str:
+    if callable(noise):
+        return ": a function of the model"
+    entries = np.asarray(getattr(noise, "entries", noise))
+    return f": {'diagonal ' if entries.ndim == 1 else ''}{np.array2string(entries, precision=6, separator=', ')}"

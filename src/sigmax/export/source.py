@@ -1,0 +1,189 @@
+"""The text of an exported filter: header, source, test program, Makefile."""
+
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sigmax.export.c99 import c_function, count
+from sigmax.native.pieces import Program
+from sigmax.running.lowered import TOLD
+from sigmax.running.step import Fault
+
+
+class Names(NamedTuple):
+    """What things are called in C.
+
+    Attributes:
+        prefix: of all that the header declares.
+        state: components of the state.
+        sensors: by the sensor's name, its components.
+        carried: how many numbers the form carries beside the factor.
+        inputs: how many inputs there are.
+    """
+
+    prefix: str
+    state: tuple[str, ...]
+    sensors: Mapping[str, tuple[str, ...]]
+    carried: int
+    inputs: int
+
+    @property
+    def n(self) -> int:
+        """Components of the state."""
+        return len(self.state)
+
+    def update(self, sensor: str) -> str:
+        """The name of the function that corrects with a sensor."""
+        return f"{self.prefix}_update{f'_{identifier(sensor)}' if sensor else ''}"
+
+    def of_state(self, place: int) -> str:
+        """The name of a number of the row that a belief is kept in."""
+        if place < self.n:
+            return self.state[place]
+        place -= self.n
+        size = self.n * (self.n + 1) // 2
+        if place < size:
+            i, j = (int(a[place]) for a in np.tril_indices(self.n))
+            return f"S_{self.state[i]}__{self.state[j]}"
+        return f"carried_{place - size}"
+
+
+def identifier(name: str) -> str:
+    """A name as C allows it."""
+    made = re.sub(r"\W", "_", name)
+    return made if made and not made[0].isdigit() else f"_{made}"
+
+
+def header(names: Names, about: str, single: bool) -> str:
+    """The header, with the settings at its head."""
+    real, p, n = "float" if single else "double", names.prefix, names.n
+    guard = f"{p.upper()}_H"
+    faults = "\n".join(
+        f"    {p.upper()}_{f.name} = {int(f)}{',' if f is not list(Fault)[-1] else ''} /* {f.message} */" for f in Fault
+    )
+    places = ", ".join(f"{p.upper()}_{name.upper()}" for name in names.state)
+    given = _inputs_argument(names, real)
+    carried = (
+        f"    {real} carried[{names.carried}]; /* what the form of the filter carries beside it */\n"
+        if names.carried
+        else ""
+    )
+    lines = [
+        comment(about),
+        f"#ifndef {guard}\n#define {guard}\n",
+        f"/* Places of the components in the mean. */\nenum {{ {places} }};\n",
+        f"/* What the functions return: 0, or why the step was not made; the state stays as it was then. */\n"
+        f"enum {{\n{faults}\n}};\n",
+        "/* What is known: P = S S', S lower triangular with its rows one after the other. */\n"
+        f"typedef struct {{\n    {real} mean[{n}]; /* {', '.join(names.state)} */\n"
+        f"    {real} factor[{n * (n + 1) // 2}];\n{carried}}} {p}_state;\n",
+        f"/* Begin with a mean and a covariance, its rows one after the other; 1 where that is none. */\n"
+        f"int {p}_start({p}_state *s, const {real} mean[{n}], const {real} cov[{n * n}]);\n",
+        f"/* Move on by dt seconds. */\nint {p}_predict({p}_state *s, {real} dt{given});\n",
+    ]
+    for sensor, parts in names.sensors.items():
+        m, kind = len(parts), f"{names.update(sensor)}_told"
+        lines.append(
+            f"/* What a measurement said; NAN in the residual where a component was missing. */\n"
+            f"typedef struct {{\n    {real} nis; /* normalised innovation squared */\n    {real} log_likelihood;\n"
+            f"    {real} dof; /* components seen and used */\n    {real} residual[{m}]; /* {', '.join(parts)} */\n"
+            f"    {real} factor[{m * m}]; /* of its covariance, lower triangular */\n}} {kind};\n\n"
+            f"/* Correct with {', '.join(parts)}; NAN is missing. `told` may be NULL. */\n"
+            f"int {names.update(sensor)}({p}_state *s, const {real} z[{m}]{given}, {kind} *told);\n"
+        )
+    return "\n".join([*lines, "#endif"]) + "\n"
+
+
+def source(names: Names, programs: Mapping[str, Program], about: str, single: bool) -> str:
+    """The source: the straight lines, and the functions of the header around them."""
+    real, p, n = "float" if single else "double", names.prefix, names.n
+    size = n + n * (n + 1) // 2 + names.carried
+    lines = [comment(about), f'#include "{p}.h"\n\n#include <math.h>\n#include <stddef.h>\n']
+    lines += _rows(names, real)
+    lines += c_function(programs["start"], "begin", single, lambda g, i: f"given_{i}")
+    lines += ["", *_start(names, real, size)]
+    lines.append(f"\n/* A step: {count(programs['predict'])}. */")
+    lines += c_function(programs["predict"], "predict", single, _naming(names, ["dt"]))
+    lines += [
+        f"\nint {p}_predict({p}_state *s, {real} dt{_inputs_argument(names, real)}) {{",
+        f"    {real} row[{size}], next[{size}], given[{1 + names.inputs}], told[1];",
+        "    given[0] = dt;",
+        *_copied_inputs(names, 1),
+        "    row_of(s, row);\n    predict(row, given, next, told);\n    of_row(next, s);",
+        "    return (int)told[0];\n}",
+    ]
+    for sensor, parts in names.sensors.items():
+        m, name = len(parts), f"correct{f'_{identifier(sensor)}' if sensor else ''}"
+        program = programs[sensor]
+        lines.append(f"\n/* A step: {count(program)}. */")
+        lines += c_function(program, name, single, _naming(names, [f"z_{part}" for part in parts]))
+        head = len(TOLD)
+        lines += [
+            f"\nint {names.update(sensor)}({p}_state *s, const {real} z[{m}]{_inputs_argument(names, real)}, "
+            f"{names.update(sensor)}_told *told) {{",
+            f"    {real} row[{size}], next[{size}], given[{m + names.inputs}], said[{head + m + m * m}];\n    int i;",
+            f"    for (i = 0; i < {m}; i++) given[i] = z[i];",
+            *_copied_inputs(names, m),
+            f"    row_of(s, row);\n    {name}(row, given, next, said);\n    of_row(next, s);",
+            "    if (told != NULL) {\n        told->nis = said[0];\n        told->log_likelihood = said[1];",
+            f"        told->dof = said[2];\n        for (i = 0; i < {m}; i++) told->residual[i] = said[{head} + i];",
+            f"        for (i = 0; i < {m * m}; i++) told->factor[i] = said[{head + m} + i];\n    }}",
+            "    return (int)said[3];\n}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _naming(names: Names, given: Sequence[str]) -> Any:
+    def name(group: str, place: int) -> str:
+        if group == "state":
+            return names.of_state(place)
+        return given[place] if place < len(given) else f"u_{place - len(given)}"
+
+    return name
+
+
+def _inputs_argument(names: Names, real: str) -> str:
+    return f", const {real} u[{names.inputs}]" if names.inputs else ""
+
+
+def _copied_inputs(names: Names, after: int) -> list[str]:
+    return [f"    given[{after + i}] = u[{i}];" for i in range(names.inputs)]
+
+
+def _rows(names: Names, real: str) -> list[str]:
+    n = names.n
+    parts = [("mean", n), ("factor", n * (n + 1) // 2), *([("carried", names.carried)] if names.carried else [])]
+    there, back, at = [], [], 0
+    for part, size in parts:
+        there.append(f"    for (i = 0; i < {size}; i++) row[{at} + i] = s->{part}[i];")
+        back.append(f"    for (i = 0; i < {size}; i++) s->{part}[i] = row[{at} + i];")
+        at += size
+    state = f"{names.prefix}_state"
+    return [
+        f"static void row_of(const {state} *s, {real} *row) {{\n    int i;",
+        *there,
+        "}\n",
+        f"static void of_row(const {real} *row, {state} *s) {{\n    int i;",
+        *back,
+        "}\n",
+    ]
+
+
+def _start(names: Names, real: str, size: int) -> list[str]:
+    n = names.n
+    return [
+        f"int {names.prefix}_start({names.prefix}_state *s, const {real} mean[{n}], const {real} cov[{n * n}]) {{",
+        f"    {real} given[{n + n * (n + 1) // 2}], row[{size}], sound[1], *next = given;\n    int i, j;",
+        f"    for (i = 0; i < {n}; i++) *next++ = mean[i];",
+        f"    for (i = 0; i < {n}; i++)\n        for (j = 0; j <= i; j++) *next++ = cov[i * {n} + j];",
+        "    begin(given, row, sound);\n    of_row(row, s);\n    return sound[0] == 0;\n}",
+    ]
+
+
+def comment(text: str) -> str:
+    """A text as a comment, wrapped."""
+    wrapped = [line for part in text.splitlines() for line in (textwrap.wrap(part, 106) or [""])]
+    return "/* " + "\n   ".join(wrapped) + " */\n"

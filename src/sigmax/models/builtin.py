@@ -1,0 +1,163 @@
+"""Models that come with the library, with numbers that make sense: for trying, testing and exporting."""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sigmax.errors import unknown
+from sigmax.models import motions, sensors
+from sigmax.models.gaussian import Gaussian
+from sigmax.models.model import Model
+from sigmax.models.parts import Motion, Sensor
+
+
+class Scenario(NamedTuple):
+    """A model ready to run.
+
+    Attributes:
+        model: the model.
+        prior: the state one dt before the first measurement.
+        dt: seconds between measurements.
+        inputs: what its motion and sensors are given, (k,), or None.
+        linear: whether the exact Kalman filter applies.
+        about: what it is, in words.
+    """
+
+    model: Model
+    prior: Gaussian
+    dt: float
+    inputs: np.ndarray | None
+    linear: bool
+    about: str
+
+
+def _made(
+    about: str,
+    motion: Motion,
+    sensor: Sensor,
+    Q: Any,
+    R: Any,
+    mean: Any,
+    deviation: Any,
+    dt: float = 1.0,
+    inputs: Any = None,
+    linear: bool = False,
+) -> Scenario:
+    u = None if inputs is None else np.array(inputs, float)
+    prior = Gaussian(np.array(mean, float), np.diag(np.square(deviation)))
+    return Scenario(Model(motion=motion, sensor=sensor, Q=Q, R=R), prior, dt, u, linear, about)
+
+
+def _radar_ct() -> Scenario:
+    turn = motions.coordinated_turn()
+    return _made(
+        "an aircraft in a coordinated turn seen by a radar with Doppler (Sobolev)",
+        turn,
+        sensors.range_azimuth(polar_velocity=(2, 3)),
+        turn.noise(position=1.0, speed=0.1, course=np.deg2rad(0.3), turn_rate=np.deg2rad(0.04)),
+        np.square([50.0, np.deg2rad(0.008), 0.016]),
+        [200e3, 100e3, 100.0, np.deg2rad(45.0), 0.0],
+        [86.6, 86.6, 29.6, np.deg2rad(20.6), np.deg2rad(0.04)],
+    )
+
+
+def _radar_ct_cartesian() -> Scenario:
+    turn = motions.coordinated_turn_cartesian()
+    return _made(
+        "the same by Cartesian velocity, without Doppler",
+        turn,
+        sensors.range_azimuth(),
+        turn.noise(acceleration=0.5, turn_rate=np.deg2rad(0.1)),
+        np.square([50.0, np.deg2rad(0.1)]),
+        [20e3, 10e3, 70.0, 70.0, 0.0],
+        [100.0, 100.0, 20.0, 20.0, np.deg2rad(1.0)],
+        dt=2.0,
+    )
+
+
+def _radar_ca() -> Scenario:
+    accelerated = motions.constant_acceleration(("north", "east", "up"))
+    return _made(
+        "constant acceleration in three axes seen by a radar: range, azimuth, elevation, Doppler (n = 9)",
+        accelerated,
+        sensors.range_azimuth(at=(0, 1, 2), velocity=(3, 4, 5)),
+        accelerated.noise(density=0.05),
+        np.square([30.0, np.deg2rad(0.1), np.deg2rad(0.1), 0.5]),
+        [30e3, -12e3, 6e3, -150.0, 80.0, 5.0, 0.0, 0.0, 0.0],
+        [100.0, 100.0, 100.0, 30.0, 30.0, 10.0, 2.0, 2.0, 2.0],
+    )
+
+
+def _position_cv() -> Scenario:
+    straight = motions.constant_velocity()
+    return _made(
+        "constant velocity with measured positions: linear",
+        straight,
+        sensors.position(),
+        straight.noise(density=0.2),
+        np.square([5.0, 5.0]),
+        [0.0, 0.0, 10.0, -5.0],
+        [10.0, 10.0, 3.0, 3.0],
+        linear=True,
+    )
+
+
+def _bearings_singer() -> Scenario:
+    manoeuvring = motions.singer(tau=20.0)
+    return _made(
+        "a manoeuvring target (Singer) of which only the bearing is seen",
+        manoeuvring,
+        sensors.bearing(origin=(0.0, -500.0)),
+        manoeuvring.noise(acceleration=0.3),
+        np.square([np.deg2rad(0.5)]),
+        [1500.0, 800.0, -8.0, 6.0, 0.0, 0.0],
+        [50.0, 50.0, 1.0, 1.0, 0.3, 0.3],
+    )
+
+
+def _rover_beacon() -> Scenario:
+    drive, scale = motions.unicycle(), motions.random_walk(("range_scale",))
+    both = motions.join(drive, scale)
+    beacon = sensors.range_only(scale=3)
+
+    def seen(x: Any, u: Any) -> Any:
+        return beacon.function(x, u[2:])
+
+    def driven(x: Any, dt: Any, u: Any) -> Any:
+        return both.function(x, dt, u[:2])
+
+    return _made(
+        "a vehicle with odometry that hears radio beacons; the scale of the ranges is a state",
+        Motion(driven, both.state, both.noise),
+        Sensor(seen, beacon.measurement),
+        both.noise(drive.noise(position=0.05, heading=0.02), scale.noise(0.0)),
+        [0.09],
+        [0.0, 0.0, 0.3, 1.0],
+        [1.0, 1.0, 0.1, 0.1],
+        dt=0.5,
+        inputs=[1.2, 0.2, 12.0, 25.0],
+    )
+
+
+BUILTIN: dict[str, Callable[[], Scenario]] = {
+    "radar-ct": _radar_ct,
+    "radar-ct-cartesian": _radar_ct_cartesian,
+    "radar-ca": _radar_ca,
+    "position-cv": _position_cv,
+    "bearings-singer": _bearings_singer,
+    "rover-beacon": _rover_beacon,
+}
+
+
+@cache
+def builtin(name: str) -> Scenario:
+    """A built-in model by its name.
+
+    Raises:
+        InputError: for a name that is not known, with a suggestion.
+    """
+    if name not in BUILTIN:
+        raise unknown("built-in model", name, BUILTIN)
+    return BUILTIN[name]()
