@@ -13,7 +13,20 @@ import sigmax
 ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "sigmax"
 FILES = sorted(SOURCE.rglob("*.py"))
-ORDER = ["errors", "native", "algebra", "rules", "forms", "filters", "models", "running", "records", "reports", "export", "cli"]
+ORDER = [
+    "errors",
+    "native",
+    "algebra",
+    "rules",
+    "forms",
+    "filters",
+    "models",
+    "running",
+    "records",
+    "reports",
+    "export",
+    "cli",
+]
 
 
 def layer(path):

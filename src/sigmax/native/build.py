@@ -5,6 +5,7 @@ import hashlib
 import os
 import subprocess
 import tempfile
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
@@ -22,6 +23,7 @@ _FLAGS = (
 _IDLE = ("dse", "tree-dse", "tree-fre", "tree-dominator-opts", "tree-pta", "tree-ccp", "tree-copy-prop")
 _HERE = Path(__file__).parent / "c"
 _LONGEST_SECONDS = 900
+_one_at_a_time = threading.Lock()
 
 
 class Unavailable(Exception):
@@ -44,9 +46,14 @@ def _temporary() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="sigmax-", ignore_cleanup_errors=True)
 
 
+def _folder() -> Path:
+    """The cache folder, or one that lasts as long as the process."""
+    with _one_at_a_time:
+        return _found_folder(os.environ.get("SIGMAX_CACHE"))
+
+
 @cache
-def _folder(named: str | None) -> Path:
-    """The cache folder while the environment says `named`, or one that lasts as long as the process."""
+def _found_folder(named: str | None) -> Path:
     return cache_folder() or Path(_temporary().name)
 
 
@@ -73,7 +80,7 @@ def load(source: str, single: bool, straight: bool) -> ctypes.CDLL:
     """
     settings = (*_optimisation(straight), f"-DSIGMAX_FLOAT={int(single)}", f"-DSIGMAX_BYTES={lane_bytes()}")
     key = hashlib.sha256(b"\n".join([_foundation(), *(s.encode() for s in settings), source.encode()])).hexdigest()
-    folder = _folder(os.environ.get("SIGMAX_CACHE")) / key[:2]
+    folder = _folder() / key[:2]
     return ctypes.CDLL(str(_kept(folder, key) or _compiled(folder, key, source, settings)))
 
 

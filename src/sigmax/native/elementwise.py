@@ -42,7 +42,25 @@ def _floating(equation: Any) -> bool:
 
 @rule(*_DIRECT)
 def _direct(g: Graph, equation: Any, *arrays: Array) -> Array:
-    return each(g, _DIRECT[equation.primitive.name])(*arrays)
+    name = equation.primitive.name
+    if equation.outvars[0].aval.dtype == bool and name in ("max", "min"):
+        return each(g, "or" if name == "max" else "and")(*arrays)
+    return each(g, _DIRECT[name])(*(_numbers(g, a) for a in arrays))
+
+
+def _numbers(g: Graph, a: Array) -> Array:
+    """Truth values as 0 and 1, numbers as they are."""
+    return np.frompyfunc(lambda x: g.apply("select", x, g.constant(1.0), g.constant(0.0)) if x.truth else x, 1, 1)(a)
+
+
+@rule("lt_to", "le_to")
+def _total_order(g: Graph, equation: Any, a: Array, b: Array) -> Array:
+    """The order in which NaN comes after everything."""
+    plain = each(g, "<" if equation.primitive.name == "lt_to" else "<=")(a, b)
+    last = each(g, "!=")(b, b)
+    if equation.primitive.name == "lt_to":
+        last = each(g, "and")(last, each(g, "==")(a, a))
+    return each(g, "or")(plain, last)
 
 
 @rule("div")
@@ -60,7 +78,7 @@ def _rem(g: Graph, equation: Any, a: Array, b: Array) -> Array:
 def _logic(g: Graph, equation: Any, *arrays: Array) -> Array:
     if equation.outvars[0].aval.dtype != bool:
         if not all(x.known for a in arrays for x in a.flat):
-            raise Refused("bits of computed integers")
+            raise Refused("operations on the bits of computed integers cannot be lowered to C")
         name = {"and": np.bitwise_and, "or": np.bitwise_or, "xor": np.bitwise_xor, "not": np.invert}
         values = [np.array([int(x.value) for x in a.flat]).reshape(a.shape) for a in arrays]
         return g.constants(name[equation.primitive.name](*values))
@@ -131,7 +149,7 @@ def _convert(g: Graph, equation: Any, a: Array) -> Array:
     if jnp.issubdtype(before, jnp.floating) and jnp.issubdtype(after, jnp.integer):
         return each(g, "trunc")(a)
     if not (jnp.issubdtype(after, jnp.floating) or jnp.issubdtype(after, jnp.integer)):
-        raise Refused(f"numbers of type {after}")
+        raise Refused(f"numbers of type {after} cannot be lowered to C")
     return a
 
 
@@ -175,6 +193,7 @@ def _reduction(g: Graph, equation: Any, a: Array) -> Array:
 @rule("argmax", "argmin")
 def _arg(g: Graph, equation: Any, a: Array) -> Array:
     (axis,) = equation.params["axes"]
+    a = _numbers(g, a)
     better = each(g, ">" if equation.primitive.name == "argmax" else "<")
     select = each(g, "select")
     best, place = a.take(0, axis), g.constants(np.zeros(np.delete(a.shape, axis)))

@@ -41,7 +41,7 @@ def _window(g: Graph, a: Array, starts: Sequence[Node], sizes: Sequence[int]) ->
         return out
     choices = [[int(s.value)] if s.known else range(n - k + 1) for s, n, k in zip(starts, a.shape, sizes, strict=True)]
     if np.prod([len(c) for c in choices]) > _MOST_CHOICES:
-        raise Refused(f"a computed index among more than {_MOST_CHOICES} computed values")
+        raise Refused(f"an index computed among more than {_MOST_CHOICES} computed values cannot be lowered to C")
     result = None
     for at in product(*choices):
         block = a[tuple(slice(i, i + k) for i, k in zip(at, sizes, strict=True))]
@@ -72,7 +72,7 @@ def _put(g: Graph, out: Array, starts: Sequence[Node], block: Array, operation: 
     largest = [n - k for n, k in zip(out.shape, block.shape, strict=True)]
     choices = [[int(s.value)] if s.known else range(most + 1) for s, most in zip(starts, largest, strict=True)]
     if np.prod([len(c) for c in choices]) > _MOST_CHOICES:
-        raise Refused(f"a computed index among more than {_MOST_CHOICES} places to write to")
+        raise Refused(f"an index computed among more than {_MOST_CHOICES} places to write to cannot be lowered to C")
     before = out.copy()
     for at in product(*choices):
         here = _all_equal(g, starts, at)

@@ -47,16 +47,13 @@ def evaluate_open(g: Graph, jaxpr: Jaxpr, constants: Sequence[Array], arguments:
     outer = g.label
     for equation in jaxpr.eqns:
         name = equation.primitive.name
-        found = RULES.get(name)
-        if found is None:
-            raise Refused(f"the operation {name!r} cannot be lowered to C{line_of(equation)}")
+        found = RULES.get(name, _unknown)
         g.label = outer or str(equation.source_info.name_stack).partition("/")[0]
         try:
             made = found(g, equation, *map(read, equation.invars))
         except Refused as error:
-            if str(error).startswith("the "):
-                raise
-            raise Refused(f"the operation {name!r} cannot be lowered to C: {error}{line_of(equation)}") from None
+            # The outermost line wins: the body of a function that JAX has traced before remembers another caller.
+            raise Refused(error.what, line_of(equation) or error.where) from None
         if len(g.nodes) > _LARGEST:
             raise Refused(f"the step has more than {_LARGEST} scalar operations")
         results = made if equation.primitive.multiple_results else [made]
@@ -64,6 +61,10 @@ def evaluate_open(g: Graph, jaxpr: Jaxpr, constants: Sequence[Array], arguments:
             known[variable] = value if isinstance(value, np.ndarray) else _as_array(value)
     g.label = outer
     return [read(v) for v in jaxpr.outvars]
+
+
+def _unknown(g: Graph, equation: Any, *arrays: Array) -> Array:
+    raise Refused(f"the operation {equation.primitive.name!r} cannot be lowered to C")
 
 
 def _as_array(node: Any) -> Array:

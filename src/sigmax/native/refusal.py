@@ -1,19 +1,34 @@
 """What cannot be lowered, with the line of the model it came from."""
 
+from pathlib import Path
 from typing import Any
 
-_INSIDE = ("/jax/", "/jaxlib/", "/sigmax/", "<frozen")
+import jax
+
+# Lines of these are not the user's.
+_INSIDE = (str(Path(jax.__file__).parent), str(Path(__file__).parents[1]), "<frozen")
 
 
 class Refused(Exception):
-    """A step holds something that the lowering does not cover; the message says what and where."""
+    """A step holds something that the lowering does not cover.
+
+    Args:
+        what: in words.
+        where: the line of the model it came from, as far as it is known.
+    """
+
+    def __init__(self, what: str, where: str = "") -> None:
+        super().__init__(what)
+        self.what, self.where = what, where
+
+    def __str__(self) -> str:
+        return f"{self.what}{f' ({self.where})' if self.where else ''}"
 
 
 def line_of(equation: Any) -> str:
     """The innermost line outside the libraries that an equation came from, or nothing."""
     traceback = getattr(equation.source_info, "traceback", None)
     for frame in getattr(traceback, "frames", ()):
-        file = frame.file_name.replace("\\", "/")
-        if not any(part in file for part in _INSIDE):
-            return f" ({file.rsplit('/', 1)[-1]}, line {frame.line_num}, in {frame.function_name})"
+        if not frame.file_name.startswith(_INSIDE):
+            return f"{Path(frame.file_name).name}, line {frame.line_num}, in {frame.function_name}"
     return ""

@@ -88,7 +88,7 @@ def _call(g: Graph, equation: Any, *arrays: Array) -> list[Array]:
     p = equation.params
     inner = p.get("jaxpr", p.get("call_jaxpr", p.get("fun_jaxpr")))
     if inner is None:
-        raise Refused("a call whose body cannot be seen")
+        raise Refused(f"the call {equation.primitive.name!r}, whose body cannot be seen, cannot be lowered to C")
     return evaluate(g, inner, arrays) if hasattr(inner, "consts") else evaluate_open(g, inner, [], arrays)
 
 
@@ -120,11 +120,11 @@ def _while(g: Graph, equation: Any, *arrays: Array) -> list[Array]:
     for _ in range(_LONGEST_LOOP):
         (go_on,) = evaluate(g, p["cond_jaxpr"], [*of_test, *carry])
         if not go_on[()].known:
-            raise Refused("the length of a loop depends on the data")
+            raise Refused("a loop whose length depends on the data cannot be lowered to C")
         if not go_on[()].value:
             return carry
         carry = evaluate(g, p["body_jaxpr"], [*of_body, *carry])
-    raise Refused(f"a loop is longer than {_LONGEST_LOOP} passes")
+    raise Refused(f"a loop of more than {_LONGEST_LOOP} passes cannot be lowered to C")
 
 
 @rule("scan")
@@ -132,7 +132,7 @@ def _scan(g: Graph, equation: Any, *arrays: Array) -> list[Array]:
     p = equation.params
     length, fixed, carried = p["length"], p["num_consts"], p["num_carry"]
     if length > _LONGEST_LOOP:
-        raise Refused(f"a loop is longer than {_LONGEST_LOOP} passes")
+        raise Refused(f"a loop of more than {_LONGEST_LOOP} passes cannot be lowered to C")
     constants, carry, series = arrays[:fixed], list(arrays[fixed : fixed + carried]), arrays[fixed + carried :]
     given: list[list[Array]] = []
     for i in range(length)[:: -1 if p["reverse"] else 1]:
@@ -157,7 +157,7 @@ def _boxed_row(series: Array, i: int) -> Array:
 @rule("cholesky")
 def _cholesky(g: Graph, equation: Any, a: Array) -> Array:
     if a.ndim != 2:
-        raise Refused("a batch of factorisations")
+        raise Refused("a batch of factorisations cannot be lowered to C")
     n = len(a)
     out = np.full((n, n), g.constant(0.0), dtype=object)
     for j in range(n):
@@ -177,7 +177,7 @@ def _cholesky(g: Graph, equation: Any, a: Array) -> Array:
 def _triangular_solve(g: Graph, equation: Any, a: Array, b: Array) -> Array:
     p = equation.params
     if a.ndim != 2 or p.get("conjugate_a"):
-        raise Refused("a batch of triangular solutions")
+        raise Refused("a batch of triangular solutions cannot be lowered to C")
     lower = bool(p["lower"])
     if p["transpose_a"]:
         a, lower = a.T, not lower

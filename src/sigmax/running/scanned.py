@@ -107,8 +107,9 @@ def _scan(
         belief, fault = predict(filter, model, root, belief, at.dt, at.u)
         sound = fault == 0
         told = {}
-        for sensor, measured in at.z.items():
-            measured = jnp.where(sound, measured, jnp.nan)
+        # In the model's order: JAX sorts the keys of a dict.
+        for sensor in (s for s in model.sensors if s in at.z):
+            measured = jnp.where(sound, at.z[sensor], jnp.nan)
             belief, told[sensor], failed = _corrected(filter, model, sensor, belief, measured, at.u, len(z) > 1)
             fault = jnp.where(fault == 0, failed, fault)
         count = sum(i.dof for i in told.values())

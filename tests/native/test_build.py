@@ -1,0 +1,158 @@
+"""What can go wrong around a compiler: every time a right answer, and at most one line of warning."""
+
+import logging
+import os
+import stat
+import subprocess
+import sys
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import sigmax
+from sigmax import InputError
+from sigmax.native import build, machine
+
+PROGRAM = """
+import numpy as np, sigmax
+model = sigmax.Model(motion=lambda x, dt: x * (1 + SCALE * dt), sensor=lambda x: x, Q=[0.1], R=[1.0])
+result = sigmax.run("SRCKFB", model, sigmax.Gaussian([1.0], [[1.0]]), np.ones((4, 1)), backend=BACKEND)
+print(repr(result.mean[-1, 0]))
+"""
+
+
+def filtered(tmp_path, scale="0.1", backend=None, **environment):
+    """The last estimate of a process of its own, and what it wrote to its error channel."""
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM.replace("SCALE", scale).replace("BACKEND", repr(backend))],
+        env=os.environ | {"SIGMAX_CACHE": str(tmp_path / "cache"), "JAX_PLATFORMS": "cpu"} | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return float(done.stdout.split("(")[-1].rstrip(")\n")), done.stderr
+
+
+@pytest.fixture(scope="session")
+def right(tmp_path_factory):
+    value, warned = filtered(tmp_path_factory.mktemp("xla"), backend="xla")
+    assert warned == ""
+    return value
+
+
+def libraries(tmp_path):
+    return sorted((tmp_path / "cache").rglob("*.so"))
+
+
+def test_a_damaged_cache_is_made_again(tmp_path, right):
+    value, warned = filtered(tmp_path)
+    assert value == pytest.approx(right, rel=1e-12)
+    kept = libraries(tmp_path)
+    assert len(kept) == 4  # driver, start, predict, correct
+    kept[0].write_bytes(kept[0].read_bytes()[:100])
+    kept[1].write_bytes(b"")
+    kept[2].write_bytes(kept[2].read_bytes()[::-1])
+    assert filtered(tmp_path) == (value, "")
+    assert warned == ""
+
+
+def test_what_is_in_the_cache_needs_no_compiler_run(tmp_path, right):
+    filtered(tmp_path)
+    before = [(p, p.stat().st_mtime_ns) for p in libraries(tmp_path)]
+    filtered(tmp_path)
+    assert [(p, p.stat().st_mtime_ns) for p in libraries(tmp_path)] == before
+
+
+def test_without_a_compiler_xla_takes_over_in_silence(tmp_path, right):
+    value, warned = filtered(tmp_path, SIGMAX_CC="")
+    assert value == pytest.approx(right, rel=1e-12)
+    assert warned == ""
+    assert libraries(tmp_path) == []
+
+
+@pytest.mark.parametrize("script", ["kill -SEGV $$", "echo 'error: no' >&2; exit 3", "exit 0"])
+def test_a_compiler_that_fails_costs_one_line(tmp_path, right, script):
+    broken = tmp_path / "cc"
+    broken.write_text(f"#!/bin/sh\n{script}\n")
+    broken.chmod(broken.stat().st_mode | stat.S_IXUSR)
+    value, warned = filtered(tmp_path, SIGMAX_CC=str(broken))
+    assert value == pytest.approx(right, rel=1e-12)
+    assert len(warned.splitlines()) == 1
+    assert "sigmax uses XLA" in warned
+    assert libraries(tmp_path) == []
+
+
+def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, right):
+    (tmp_path / "cache").write_text("a file where the folder should be")
+    assert filtered(tmp_path) == (pytest.approx(right, rel=1e-12), "")
+
+
+def test_processes_that_compile_at_once_do_not_disturb_each_other(tmp_path, right):
+    code = PROGRAM.replace("SCALE", "0.1").replace("BACKEND", "'native'")
+    environment = os.environ | {"SIGMAX_CACHE": str(tmp_path / "cache"), "JAX_PLATFORMS": "cpu"}
+    both = [
+        subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
+    for process in both:
+        told, _ = process.communicate()
+        assert process.returncode == 0
+        assert float(told.split("(")[-1].rstrip(")\n")) == pytest.approx(right, rel=1e-12)
+    assert not [p for p in (tmp_path / "cache").rglob("*") if p.is_dir() and p.name.startswith("tmp")]
+
+
+def test_the_environment_chooses_the_backend(tmp_path, right):
+    value, _ = filtered(tmp_path, SIGMAX_BACKEND="xla")
+    assert value == right
+    assert libraries(tmp_path) == []
+
+
+def sorting():
+    def sensor(x):
+        return jnp.sort(x)
+
+    return sigmax.Model(motion=lambda x, dt: x, sensor=sensor, Q=[1.0, 1.0], R=[1.0, 1.0])
+
+
+def test_a_model_that_cannot_be_lowered_runs_on_xla_with_one_line(caplog):
+    prior, z = sigmax.Gaussian([0.0, 1.0], np.eye(2)), np.zeros((3, 2))
+    model = sorting()
+    with caplog.at_level(logging.WARNING, logger="sigmax"):
+        first = sigmax.run("SRCKFB", model, prior, z)
+        second = sigmax.run("SRCKFB", model, prior, z)
+    assert np.array_equal(first.mean, second.mean)
+    assert len(caplog.records) == 1
+    assert "'sort'" in caplog.text
+    assert "test_build.py, line" in caplog.text
+    live = sigmax.Live("SRCKFB", model, prior)
+    for t in range(3):
+        live.step(z[t], 1.0)
+    np.testing.assert_allclose(live.mean, first.mean[-1], rtol=1e-12)
+
+
+def test_native_where_it_cannot_be_had_is_refused_with_the_reason():
+    prior, z = sigmax.Gaussian([0.0, 1.0], np.eye(2)), np.zeros((3, 2))
+    with pytest.raises(InputError, match=r"'sort' cannot be lowered to C \(test_build.py, line \d+, in .*sensor\)"):
+        sigmax.run("SRCKFB", sorting(), prior, z, backend="native")
+    with pytest.raises(InputError, match="did you mean 'native'"):
+        sigmax.run("SRCKFB", sorting(), prior, z, backend="nativ")
+
+
+def test_a_named_compiler_is_taken_with_its_arguments(monkeypatch):
+    monkeypatch.setenv("SIGMAX_CC", f"{sys.executable} -m some cc")
+    machine.compiler.cache_clear()
+    try:
+        found = machine.compiler()
+        assert found is not None
+        assert found.command[1:] == ("-m", "some", "cc")
+        assert not found.is_gcc
+    finally:
+        monkeypatch.undo()
+        machine.compiler.cache_clear()
+
+
+def test_the_cache_is_where_the_environment_says(monkeypatch, tmp_path):
+    monkeypatch.setenv("SIGMAX_CACHE", str(tmp_path / "there"))
+    assert build.cache_folder() == tmp_path / "there"

@@ -1,0 +1,187 @@
+"""Exported C: it compiles without a warning, is clean under sanitizers, and computes what Python does."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import sigmax
+from sigmax import InputError
+from sigmax.export import export_c
+from sigmax.models.builtin import builtin
+from tests.own_records import write_radar
+from tests.test_cli import cli
+
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+
+
+def exported(name, filter, folder, **options):
+    made = builtin(name)
+    return export_c(
+        filter, made.model, made.prior, folder, name=name, dt=made.dt, inputs=made.inputs, about=made.about, **options
+    )
+
+
+def tested(folder, *flags, compiler=("cc",), run=()):
+    """Compile the test program strictly and run it; the largest difference it found."""
+    (program,) = (p for p in folder.glob("test_*.c"))
+    source = program.with_name(program.name.removeprefix("test_"))
+    command = [*compiler, *STRICT, *flags, "-o", str(folder / "program"), str(program), str(source), "-lm"]
+    built = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr[:2000]
+    assert built.stderr == ""
+    done = subprocess.run([*run, str(folder / "program")], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = re.search(r"difference (\S+) \(", done.stdout)
+    assert found is not None
+    return float(found[1])
+
+
+@needs_cc
+@pytest.mark.parametrize(
+    ("name", "filter"),
+    [
+        ("radar-ct", "SRECKFB"),
+        ("radar-ct", "CKF"),
+        ("rover-beacon", "SRUKFB"),
+        ("radar-ca", "EIF"),
+        ("position-cv", "KF"),
+    ],
+)
+def test_exported_filters_compile_strictly_and_agree(name, filter, tmp_path):
+    done = exported(name, filter, tmp_path)
+    assert {p.name for p in done.files} == {p.name for p in tmp_path.iterdir()}
+    assert tested(tmp_path, "-O2") < 1e-10
+
+
+@needs_cc
+def test_the_radar_model_agrees_to_twelve_digits(tmp_path):
+    exported("radar-ct", "SRECKFB", tmp_path)
+    assert tested(tmp_path, "-O2") < 3e-12
+
+
+@needs_cc
+def test_exported_code_is_clean_under_sanitizers(tmp_path):
+    exported("radar-ct", "SRUKFB", tmp_path)
+    probe = tmp_path / "probe"
+    probe.mkdir()
+    (probe / "p.c").write_text("int main(void) { return 0; }\n")
+    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1"]
+    if subprocess.run(["cc", *flags, str(probe / "p.c"), "-o", str(probe / "p")], capture_output=True).returncode:
+        pytest.skip("the compiler has no sanitizers")
+    tested(tmp_path, *flags)
+
+
+@needs_cc
+@pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is not installed")
+def test_exported_code_is_clean_under_valgrind(tmp_path):
+    exported("radar-ct", "SRECKFB", tmp_path)
+    tested(tmp_path, "-g", run=("valgrind", "-q", "--error-exitcode=9", "--leak-check=full"))
+
+
+@needs_cc
+def test_single_precision(tmp_path):
+    exported("radar-ct", "SRECKFB", tmp_path, dtype="float32")
+    assert "double" not in (tmp_path / "radar_ct.c").read_text().split("*/", 1)[1]
+    assert tested(tmp_path, "-O2") < 1e-2
+
+
+@needs_cc
+def test_the_makefile_tests(tmp_path):
+    exported("position-cv", "SREKF", tmp_path)
+    done = subprocess.run(["make", "-C", str(tmp_path), "test"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "60 steps" in done.stdout
+
+
+def test_the_text_is_the_same_on_every_export(tmp_path):
+    for folder in ("a", "b"):
+        exported("radar-ct", "SREKFB", tmp_path / folder)
+    for file in ("radar_ct.c", "radar_ct.h", "Makefile"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+    text = (tmp_path / "a" / "radar_ct.c").read_text()
+    assert "malloc" not in text
+    assert set(re.findall(r"#include <(\w+)\.h>", text)) == {"math", "stddef"}
+    for word in ("SREKFB", "north", "turn_rate", "multiplications", "the motion, linearised"):
+        assert word in text
+
+
+@needs_cc
+def test_several_sensors_and_functions_of_the_user(tmp_path):
+    heights = jnp.asarray(np.sin(np.arange(12.0)))
+    model = sigmax.Model(
+        motion=lambda x, dt, u: jnp.stack([x[0] + dt * x[1] + u[0], x[1]]),
+        sensor={
+            "terrain": lambda x: jnp.interp(x[:1], jnp.arange(12.0), heights),
+            "2nd gauge": lambda x: jnp.stack([x[0], x[1] ** 2]),
+        },
+        Q=lambda x, dt: jnp.diag(jnp.stack([0.01 * dt, 0.01 * dt * (1 + x[1] ** 2)])),
+        R={"terrain": lambda x: jnp.stack([0.01 + 0 * x[0]]), "2nd gauge": [[0.5, 0.1], [0.1, 0.3]]},
+        state=("x", "v"),
+        measurement={"terrain": ("height",), "2nd gauge": ("x", "v²")},
+    )
+    export_c("SRUKF", model, sigmax.Gaussian([2.0, 0.1], np.eye(2)), tmp_path, name="2 floats", dt=0.5, inputs=[0.01])
+    assert "_2_floats_update__2nd_gauge" in (tmp_path / "_2_floats.h").read_text()
+    assert tested(tmp_path) < 1e-9
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    prior = sigmax.Gaussian([0.0, 1.0], np.eye(2))
+    model = sigmax.Model(motion=lambda x, dt: x, sensor=jnp.sort, Q=[1.0, 1.0], R=[1.0, 1.0])
+    with pytest.raises(InputError, match="'sort' cannot be lowered"):
+        export_c("EKF", model, prior, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    for arguments, words in {
+        ("radar-cd",): "is no model: give a built-in one (radar-ct",
+        ("radar-ct", "-f", "SRCKFBB"): "did you mean 'SRCKFB'",
+        ("gone.py:make",): "there is no file gone.py",
+        ("radar-ct", "-f", "EKF:fixed=speed"): "fixed components belong to sigmax track",
+    }.items():
+        assert cli("export", "c", *arguments) == 2
+        assert words in capsys.readouterr().err
+    (tmp_path / "own.py").write_text("def make():\n    return 1\n")
+    assert cli("export", "c", "own.py:make") == 2
+    assert "must give a pair" in capsys.readouterr().err
+    (tmp_path / "export").write_text("in the way")
+    assert cli("export", "c", "position-cv", "-f", "KF") == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+@needs_cc
+def test_the_command_line_exports_models_of_every_kind(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_radar(tmp_path)
+    (tmp_path / "own.py").write_text(
+        "import numpy as np, sigmax\n"
+        "def make():\n"
+        "    model = sigmax.Model(motion=lambda x, dt: x, sensor=lambda x: x**2, Q=[0.01], R=[0.1])\n"
+        "    return model, sigmax.Gaussian([1.0], [[1.0]])\n"
+    )
+    for model, name in (("radar-ct", "radar_ct"), ("radar.toml", "radar"), ("own.py:make", "own")):
+        assert cli("export", "c", model, "--filter", "EKF", "--out", f"out/{name}") == 0
+        assert tested(Path("out") / name) < 1e-9
+
+
+@pytest.mark.slow
+@needs_cc
+@pytest.mark.skipif(
+    shutil.which("arm-linux-gnueabihf-gcc") is None or shutil.which("qemu-arm") is None,
+    reason="needs the Debian packages gcc-arm-linux-gnueabihf and qemu-user",
+)
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_exported_filters_run_on_a_32_bit_arm(tmp_path, dtype):
+    exported("radar-ct", "SRECKFB", tmp_path, dtype=dtype)
+    worst = tested(tmp_path, "-O2", "-static", compiler=("arm-linux-gnueabihf-gcc",), run=("qemu-arm",))
+    assert worst < (1e-10 if dtype == "float64" else 1e-2)
+
+
+def test_every_filter_says_what_it_costs(tmp_path):
+    costs = {f: exported("radar-ct", f, tmp_path / f).operations for f in ("SREKFB", "SRECKFB", "SRCKFB")}
+    assert costs["SREKFB"]["update"] < costs["SRCKFB"]["update"]
+    assert costs["SRECKFB"]["predict"] == costs["SREKFB"]["predict"] < costs["SRCKFB"]["predict"]
