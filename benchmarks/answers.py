@@ -44,18 +44,21 @@ class Answers:
         self._first: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
 
     def look(self, entry: Entry, estimate: Estimate) -> None:
-        """Take down what an entry computed."""
-        mean, cov = np.asarray(estimate.mean), np.asarray(estimate.cov)
+        """Take down what an entry computed; covariances may be missing, but not those of the first of a kind."""
+        mean, cov = np.asarray(estimate.mean), None if estimate.cov is None else np.asarray(estimate.cov)
         error = (mean - self.truth)[..., :2]
         rmse = float(np.sqrt((error**2).sum(-1).mean()))
-        name, at, spread = self._first.setdefault(entry.kind, (entry.name, mean, cov))
+        if cov is not None:
+            self._first.setdefault(entry.kind, (entry.name, mean, cov))
+        name, at, spread = self._first[entry.kind]
         deviation = np.sqrt(np.einsum("...ii->...i", spread))
         gap = mean - at
         gap[..., COURSE] -= 2 * np.pi * np.round(gap[..., COURSE] / (2 * np.pi))
         apart = float(np.abs(gap / deviation).max())
-        for i in range(5):  # a row at a time: covariances of a large batch fill the memory as it is
-            scale = deviation[..., i, None] * deviation
-            apart = max(apart, float(np.abs((cov[..., i, :] - spread[..., i, :]) / scale).max()))
+        if cov is not None:
+            for i in range(5):  # a row at a time: covariances of a large batch fill the memory as it is
+                scale = deviation[..., i, None] * deviation
+                apart = max(apart, float(np.abs((cov[..., i, :] - spread[..., i, :]) / scale).max()))
         usual = self.seen[0].rmse if self.seen else rmse
         good = apart < TOLERANCE and usual / RMSE_FACTOR < rmse < usual * RMSE_FACTOR
         self.seen.append(Answer(entry, rmse, name, apart, good))

@@ -27,6 +27,8 @@ def main(library: str) -> None:
 
     start = time.perf_counter()
     module = import_module(f"contenders.{library}")
+    if library == "sigmax":
+        import_module("sigmax.running.run")  # otherwise loaded when it is first asked for
     lap("import")
     entry = (module.offline if hasattr(module, "offline") else module.live)(z)[0]
     if library in ("sigmax", "dynamax"):

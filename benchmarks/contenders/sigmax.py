@@ -1,6 +1,7 @@
-"""Our own library, as its documentation shows it."""
+"""Our own library, as its documentation shows it: on its native engine where there is a compiler."""
 
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from scenario import DT, MEAN, PRIOR, Estimate, Q, R
 BATCH = ("SRCKFB", "SRECKFB", "CKF", "SRUKFB", "EKF", "SREKFB")
 ONE = ("SRCKFB", "EKF")
 _KIND = {"EKF": "EKF", "SREKFB": "EKF", "CKF": "CKF", "SRCKFB": "CKF"}
-_PARAMETERS = {"SRUKFB": {"alpha": 0.45, "beta": 2.0, "kappa": -2.0}}
+_UNSCENTED = {"alpha": 0.45, "beta": 2.0, "kappa": -2.0}
+_PARAMETERS = {"SRUKFB": _UNSCENTED, "SREUKFB": _UNSCENTED}
 
 
 def _model() -> sigmax.Model:
@@ -32,8 +34,8 @@ def _prior() -> sigmax.Gaussian:
     return sigmax.Gaussian(MEAN, np.diag(PRIOR))
 
 
-def _run(filter: sigmax.Filter, model: sigmax.Model, z: np.ndarray) -> Estimate:
-    result = sigmax.run(filter, model, _prior(), z, dt=DT, keep=("mean", "factor"))
+def _run(filter: sigmax.Filter, model: sigmax.Model, z: np.ndarray, backend: str | None = None) -> Estimate:
+    result = sigmax.run(filter, model, _prior(), z, dt=DT, keep=("mean", "factor"), backend=backend)
     return Estimate(result.mean, result.cov)
 
 
@@ -46,19 +48,21 @@ def batch(z: np.ndarray) -> list[Entry]:
     """Thousands of tracks in one call."""
     few, all_parts = "mean, cov, log-likelihood", "all parts: also faults, NIS, innovations, likelihoods"
     entries = [_entry(f, "", few, _run, z) for f in BATCH]
-    return entries + [_entry(f, ", all parts", all_parts, _run_all, z) for f in ONE]
+    entries += [_entry(f, ", all parts", all_parts, _run_all, z) for f in ONE]
+    return [*entries, _entry("SRCKFB", ", XLA", few, _run, z, "xla")]
 
 
 def offline(z: np.ndarray) -> list[Entry]:
     """A whole record in one call."""
-    return [_entry(f, "", "mean, cov, log-likelihood", _run, z) for f in ONE]
+    gives = "mean, cov, log-likelihood"
+    return [*(_entry(f, "", gives, _run, z) for f in ONE), _entry("SRCKFB", ", XLA", gives, _run, z, "xla")]
 
 
 def live(z: np.ndarray) -> list[Entry]:
     """Step by step, in one compiled call or in two."""
 
-    def steps(filter: sigmax.Filter, model: sigmax.Model, halves: bool) -> Estimate:
-        tracker = sigmax.Live(filter, model, _prior())
+    def steps(filter: sigmax.Filter, model: sigmax.Model, halves: bool, backend: str | None = None) -> Estimate:
+        tracker = sigmax.Live(filter, model, _prior(), backend=backend)
         means, covs = [], []
         for measured in z:
             if halves:
@@ -72,4 +76,25 @@ def live(z: np.ndarray) -> list[Entry]:
 
     gives = "mean, cov, innovation, NIS, log-likelihood, soundness"
     entries = [_entry(f, ", step", gives, steps, False) for f in ONE]
-    return [*entries, _entry("SRCKFB", ", predict + update", gives, steps, True)]
+    halves = _entry("SRCKFB", ", predict + update", gives, steps, True)
+    return [*entries, halves, _entry("SRCKFB", ", step, XLA", gives, steps, False, "xla")]
+
+
+@cache
+def _native(filter: str) -> tuple[sigmax.Filter, sigmax.Model]:
+    return sigmax.get(filter, **_PARAMETERS.get(filter, {})), _model()
+
+
+def alone(filter: str, z: np.ndarray) -> Callable[[], object]:
+    """A call of the native engine that hands over no more than it must, to be timed beside programs in C.
+
+    For z (B, T, 3) the means of all steps; for z (T, 3) live steps after which nobody reads the state.
+    """
+    chosen, model = _native(filter)
+    if z.ndim == 3:
+        return lambda: sigmax.run(chosen, model, _prior(), z, dt=DT, keep=("mean",), backend="native").mean
+    tracker = sigmax.Live(chosen, model, _prior(), backend="native")
+    beginning = tracker.save()
+    tracker.step(z[0], DT)  # what is set up once
+    tracker.restore(beginning)
+    return lambda: [tracker.step(measured, DT) for measured in z]

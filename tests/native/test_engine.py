@@ -143,10 +143,8 @@ def test_a_failing_track_leaves_its_neighbours_alone():
     mean[4] = 45.0, 3.0
     z = np.zeros((11, 6, 1))
     z[4] = 60.0
-    results = [
-        sigmax.run("SRUKFB", model, sigmax.Gaussian(mean, np.eye(2)), z, backend=backend)
-        for backend in ("native", "xla")
-    ]
+    priors = sigmax.Gaussian(mean, np.eye(2))
+    results = [sigmax.run("SRUKFB", model, priors, z, backend=backend) for backend in ("native", "xla")]
     for result in results:
         assert result.ok[[k for k in range(11) if k != 4]].all()
         assert not result.ok[4].all()
@@ -185,9 +183,13 @@ def test_numbers_of_the_noise_are_no_reason_to_compile_again(monkeypatch):
     sigmax.run("SREKFB", made.model, made.prior, z, backend="native")
     monkeypatch.setattr("sigmax.running.lowered.steps", None)
     other = sigmax.Model(
-        motion=made.model.motion, sensor=made.model.sensors[""], Q=2 * made.model.Q.entries, R=3 * made.model.R[""].entries,
-        state=made.model.state, measurement=made.model.measurement[""],
-    )  # fmt: skip
+        motion=made.model.motion,
+        sensor=made.model.sensors[""],
+        Q=2 * made.model.Q.entries,
+        R=3 * made.model.R[""].entries,
+        state=made.model.state,
+        measurement=made.model.measurement[""],
+    )
     a, b = (sigmax.run("SREKFB", other, made.prior, z, backend=backend) for backend in ("native", "xla"))
     np.testing.assert_allclose(a.mean, b.mean, rtol=1e-9, atol=1e-9)
 
@@ -210,9 +212,10 @@ def test_large_models_compile_in_pieces():
     def motion(x, dt):
         return x + 0.1 * dt * jnp.sin(jnp.roll(x, -1)) * jnp.cos(x)
 
-    model = sigmax.Model(
-        motion=motion, sensor=lambda x: jnp.sqrt(1 + x[:m] ** 2), Q=np.full(n, 0.01), R=np.full(m, 0.1)
-    )
+    def sensor(x):
+        return jnp.sqrt(1 + x[:m] ** 2)
+
+    model = sigmax.Model(motion=motion, sensor=sensor, Q=np.full(n, 0.01), R=np.full(m, 0.1))
     z = 1 + np.abs(np.random.default_rng(0).standard_normal((2, 5, m)))
     a, b = (
         sigmax.run("SREKFB", model, sigmax.Gaussian(np.ones(n), np.eye(n)), z, backend=backend)

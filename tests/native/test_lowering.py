@@ -158,9 +158,8 @@ BINARY = (jnp.add, jnp.subtract, jnp.multiply, jnp.arctan2, jnp.maximum, lambda 
 @st.composite
 def expressions(draw):
     """A random straight line of operations on four numbers."""
-    lines = draw(
-        st.lists(st.tuples(st.integers(0, 12), st.integers(0, 99), st.integers(0, 99)), min_size=3, max_size=25)
-    )
+    line = st.tuples(st.integers(0, 12), st.integers(0, 99), st.integers(0, 99))
+    lines = draw(st.lists(line, min_size=3, max_size=25))
 
     def function(x):
         values = [*x, jnp.float64(0.5)]

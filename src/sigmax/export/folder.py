@@ -9,7 +9,7 @@ import numpy as np
 
 import sigmax
 from sigmax.errors import InputError
-from sigmax.export.source import Names, header, identifier, source
+from sigmax.export.source import Names, header, identifier, identifiers, source
 from sigmax.export.testing import makefile, test_program
 from sigmax.export.vectors import recorded
 from sigmax.filters import Filter
@@ -78,11 +78,9 @@ def export_c(
         programs |= {s: low.program("correct", s, m) for s, m in sizes.items()}
     except Refused as error:
         raise InputError(f"this model cannot be exported: {error}") from error
-    parts = {
-        s: tuple(identifier(c) for c in model.measurement[s] or [f"z{i}" for i in range(m)]) for s, m in sizes.items()
-    }
+    parts = {s: identifiers(model.measurement[s] or [f"z{i}" for i in range(m)]) for s, m in sizes.items()}
     carried = low.packing.size - low.n * (low.n + 3) // 2
-    names = Names(prefix, tuple(identifier(c) for c in model.state), parts, carried, 0 if u is None else len(u))
+    names = Names(prefix, identifiers(model.state), parts, carried, 0 if u is None else len(u))
     single = dtype == np.float32
     vectors = recorded(chosen, model, prior, dt, u, dtype)
     if vectors.fault.any():

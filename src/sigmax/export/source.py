@@ -42,7 +42,7 @@ class Names(NamedTuple):
     def of_state(self, place: int) -> str:
         """The name of a number of the row that a belief is kept in."""
         if place < self.n:
-            return self.state[place]
+            return f"x_{self.state[place]}"
         place -= self.n
         size = self.n * (self.n + 1) // 2
         if place < size:
@@ -51,9 +51,15 @@ class Names(NamedTuple):
         return f"carried_{place - size}"
 
 
+def identifiers(names: Sequence[str]) -> tuple[str, ...]:
+    """Names as C allows them, all different."""
+    made = [identifier(name) for name in names]
+    return tuple(f"{name}_{i}" if made.count(name) > 1 else name for i, name in enumerate(made))
+
+
 def identifier(name: str) -> str:
     """A name as C allows it."""
-    made = re.sub(r"\W", "_", name)
+    made = re.sub(r"\W", "_", name, flags=re.ASCII)
     return made if made and not made[0].isdigit() else f"_{made}"
 
 

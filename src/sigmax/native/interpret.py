@@ -47,10 +47,10 @@ def evaluate_open(g: Graph, jaxpr: Jaxpr, constants: Sequence[Array], arguments:
     outer = g.label
     for equation in jaxpr.eqns:
         name = equation.primitive.name
-        found = RULES.get(name, _unknown)
+        found: Rule = RULES.get(name, _unknown)
         g.label = outer or str(equation.source_info.name_stack).partition("/")[0]
         try:
-            made = found(g, equation, *map(read, equation.invars))
+            made: Any = found(g, equation, *map(read, equation.invars))
         except Refused as error:
             # The outermost line wins: the body of a function that JAX has traced before remembers another caller.
             raise Refused(error.what, line_of(equation) or error.where) from None
