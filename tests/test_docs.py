@@ -94,7 +94,8 @@ COMPARED = {"make": check_make, "pip": check_pip}
 
 def shell(command: str, directory: Path, where: str) -> None:
     first, *arguments = shlex.split(command)
-    if first in COMPARED:
+    # In a folder that the page has made itself, make is run.
+    if first in COMPARED and "-C" not in arguments:
         COMPARED[first](arguments, where)
         return
     # The commands of the environment that runs the tests, as a newcomer's shell would find them.

@@ -11,9 +11,11 @@ __version__ = "0.1.0"
 _HOME = {
     "sigmax.algebra.arrays": ("wrap",),
     "sigmax.errors": ("InputError",),
+    "sigmax.export": ("export_c",),
     "sigmax.filters": ("Filter", "catalogue", "get", "names"),
     "sigmax.forms": ("Form",),
     "sigmax.models": ("Gaussian", "Model", "Motion", "Sensor", "angle", "motions", "sensors", "with_derivatives"),
+    "sigmax.models.builtin": ("builtin",),
     "sigmax.rules": ("SigmaPoints", "SigmaSet", "Taylor1", "Taylor2", "sigma_set"),
     "sigmax.running": ("Fault", "Fit", "Live", "Result", "Smoothed", "fit", "run", "smooth"),
 }
@@ -24,9 +26,11 @@ if TYPE_CHECKING:
     from sigmax import forms, records, reports, rules
     from sigmax.algebra.arrays import wrap
     from sigmax.errors import InputError
+    from sigmax.export import export_c
     from sigmax.filters import Filter, catalogue, get, names
     from sigmax.forms import Form
     from sigmax.models import Gaussian, Model, Motion, Sensor, angle, motions, sensors, with_derivatives
+    from sigmax.models.builtin import builtin
     from sigmax.rules import SigmaPoints, SigmaSet, Taylor1, Taylor2, sigma_set
     from sigmax.running import Fault, Fit, Live, Result, Smoothed, fit, run, smooth
 
@@ -48,7 +52,9 @@ __all__ = [
     "Taylor1",
     "Taylor2",
     "angle",
+    "builtin",
     "catalogue",
+    "export_c",
     "fit",
     "forms",
     "get",

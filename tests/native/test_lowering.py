@@ -192,6 +192,9 @@ def test_equal_expressions_are_made_once_and_zeros_cost_nothing():
     assert g.apply("*", one, g.apply("+", x, zero)) is x
     assert g.apply("-", y, g.apply("negative", x)) is g.apply("+", x, y)
     assert g.apply("sqrt", g.constant(4.0)).value == 2.0
+    first, second = g.apply("/", x, y), g.apply("/", one, y)
+    assert g.apply("/", x, y) is first
+    assert g.apply("/", g.constant(3.0), y) is g.apply("*", second, g.constant(3.0))
     p = g.apply("<", x, y)
     assert g.apply(">", g.apply("select", p, one, zero), g.constant(0.5)) is p
     assert g.apply("select", g.apply("not", p), x, y) is g.apply("select", p, y, x)

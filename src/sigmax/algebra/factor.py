@@ -64,9 +64,10 @@ def cholesky(P: jax.Array) -> tuple[jax.Array, jax.Array]:
         pivot = P[0, 0]
         sound &= pivot >= -rounding * growth * jnp.abs(variance[j])
         usable = pivot > rounding * variance[j]
-        growth = jnp.maximum(growth, jnp.where(usable, variance[j] * _reciprocal(pivot, usable), 1))
         diagonal, _ = safe_sqrt(jnp.where(usable, pivot, 0))
-        below = P[1:, 0] * _reciprocal(diagonal, usable)
+        scale = _reciprocal(diagonal, usable)
+        growth = jnp.maximum(growth, jnp.where(usable, variance[j] * scale * scale, 1))
+        below = P[1:, 0] * scale
         columns.append(jnp.concatenate([diagonal[None], below]))
         P = P[1:, 1:] - below[:, None] * below[None]
     return _lower(columns), sound

@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -157,6 +158,12 @@ def get(name: str, **parameters: Any) -> Filter:
     Raises:
         InputError: for a name or a parameter that is not known, with the nearest ones that are.
     """
+    return _made(name, tuple(parameters.items()))
+
+
+@lru_cache(maxsize=256)
+def _made(name: str, given: tuple[tuple[str, Any], ...]) -> Filter:
+    parameters = dict(given)
     folded = {known.casefold(): known for known in _ENTRIES}
     if str(name).casefold() not in folded:
         raise unknown("filter", name, _ENTRIES)

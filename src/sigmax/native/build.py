@@ -88,7 +88,9 @@ def _optimisation(straight: bool) -> list[str]:
     found = compiler()
     if not straight:
         return ["-O2"]
-    return ["-O1", *(f"-fno-{name}" for name in _IDLE)] if found is not None and found.is_gcc else ["-O1"]
+    # Fused multiplications are made by a pass that -O1 leaves out.
+    fused = ["-O1", "-fexpensive-optimizations"]
+    return [*fused, *(f"-fno-{name}" for name in _IDLE)] if found is not None and found.is_gcc else ["-O1"]
 
 
 def load_all(sources: list[tuple[str, bool, bool]]) -> list[ctypes.CDLL]:

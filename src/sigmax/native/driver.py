@@ -82,6 +82,12 @@ class Rows(ctypes.Structure):
     ]
 
 
+class Squares(ctypes.Structure):
+    """Factors to be squared, see record.c."""
+
+    _fields_ = [("n", ctypes.c_long), ("factor", ctypes.c_void_p), ("cov", ctypes.c_void_p)]
+
+
 def steps(programs: Sequence[Program], single: bool) -> list[Step]:
     """Programs compiled side by side.
 
@@ -114,7 +120,7 @@ def driver(single: bool) -> Mapping[str, Any]:
     """The functions of record.c by name."""
     library = load(_DRIVER.read_text(), single, straight=False)
     made = {}
-    for name in ("record", "backwards", "rows"):
+    for name in ("record", "backwards", "rows", "squares"):
         function = getattr(library, name)
         function.restype = None
         function.argtypes = [ctypes.c_void_p, ctypes.c_long, ctypes.c_long]

@@ -67,6 +67,7 @@ class Graph:
         self.tables: list[np.ndarray] = []
         self.label = ""
         self._made: dict[Any, Node] = {}
+        self._denominators: set[int] = set()
 
     def _node(self, key: Any, operation: str, arguments: tuple[Any, ...], truth: bool, fixed: bool) -> Node:
         node = self._made.get(key)
@@ -101,6 +102,12 @@ class Graph:
         array[()] = self.constant(np.asarray(value)[()])
         return array
 
+    def divided_by(self, denominator: Node) -> bool:
+        """Whether something has been divided by this before; remembered from now on."""
+        before = denominator.index in self._denominators
+        self._denominators.add(denominator.index)
+        return before
+
     def look_up(self, table: np.ndarray, index: Node) -> Node:
         """An element of a table at a computed index, which must lie inside."""
         known = (np.array_equal(other, table, equal_nan=True) for other in self.tables)
@@ -116,6 +123,9 @@ class Graph:
         """
         if operation == "select" and arguments[1].truth:
             operation = "select truth"
+        known = self._made.get((operation, *(a.index for a in arguments)))
+        if known is not None:
+            return known
         simpler = self._simplified(operation, arguments)
         if simpler is not None:
             return simpler

@@ -59,6 +59,9 @@ def _divide(g: "Graph", x: "Node", y: "Node") -> "Node | None":
         return g.apply("*", x, g.constant(1 / y.arguments[0]))
     if _is(x, 0):
         return g.constant(0.0)
+    # A second division by the same number is a multiplication: a division takes as long as ten of them.
+    if not _is(x, 1) and g.divided_by(y):
+        return g.apply("*", x, g.apply("/", g.constant(1.0), y))
     return None
 
 

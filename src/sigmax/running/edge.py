@@ -132,6 +132,9 @@ def starting_cov(filter: Filter, prior: Gaussian, dtype: Any) -> Any:
 
 def cast(model: Model, dtype: Any) -> Model:
     """The model with its noises in another type."""
+    leaves = jax.tree.leaves(model)
+    if all(isinstance(leaf, np.ndarray) and leaf.dtype == dtype for leaf in leaves):
+        return model
     return jax.tree.map(lambda leaf: typed(leaf, dtype), model)
 
 

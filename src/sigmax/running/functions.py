@@ -31,9 +31,9 @@ def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mappi
         _shape_of(f"sensor {s!r}" if s else "sensor", model.sensors[s], arguments, size, names)
     if is_traced((prior, dt, u)):
         return
-    start = jnp.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0])
-    first_dt = jnp.asarray(np.ravel(dt)[0])
-    first_u = () if u is None else (jnp.asarray(np.reshape(u, (-1, u.shape[-1]))[0]),)
+    start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0])
+    first_dt = np.ravel(dt)[0]
+    first_u = () if u is None else (np.reshape(u, (-1, u.shape[-1]))[0],)
     if callable(model.Q):
         count = takes(model.Q, "Q", (1, 2, 3))
         _check_noise("Q", model.Q, ((first_dt,) if count == 1 else (start, first_dt, *first_u)[:count]), n)
@@ -44,7 +44,14 @@ def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mappi
             _check_noise(label, R, (start, *first_u)[: takes(R, label, (1, 2))], size)
 
 
-def _check_noise(label: str, function: Any, arguments: tuple[Any, ...], size: int) -> None:
+def _check_noise(label: str, function: Any, arguments: tuple[np.ndarray, ...], size: int) -> None:
+    _check_noise_at(label, function, tuple((a.shape, a.tobytes()) for a in arguments), size)
+
+
+@functools.lru_cache(maxsize=512)
+def _check_noise_at(label: str, function: Any, at: tuple[tuple[tuple[int, ...], bytes], ...], size: int) -> None:
+    """Made once for the same arguments: evaluating a function outside a compilation takes milliseconds."""
+    arguments = [jnp.asarray(np.frombuffer(content).reshape(shape)) for shape, content in at]
     value = numbers(f"{label}(…)", function(*arguments))
     if is_traced(value):
         return

@@ -14,6 +14,7 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, noise
 from sigmax.native import Refused, Unavailable
 from sigmax.running.backend import attempt, native_failed
+from sigmax.running.covariances import covariances
 from sigmax.running.edge import as_filter, cast, run_type, starting_cov, typed
 from sigmax.running.live_lanes import LaneState
 from sigmax.running.live_xla import XlaState
@@ -53,6 +54,10 @@ class Live:
         self._batched = prior.mean.ndim == 2
         self._tracks = (len(prior.mean),) if self._batched else ()
         self._backend = backend
+        # Of the only sensor, where its components are named: what most measurements look like.
+        named = None if model.several else model.measurement[""]
+        self._shape = None if named is None else (*self._tracks, len(named))
+        self._driven = model.motion_inputs or any(model.sensor_inputs.values())
         self.model = cast(model, self._dtype)
         mean = typed(prior.mean, self._dtype)
         cov = np.broadcast_to(starting_cov(self.filter, prior, self._dtype), (*mean.shape, model.size))
@@ -69,8 +74,7 @@ class Live:
     @property
     def cov(self) -> np.ndarray:
         """Its covariance (n, n) or (B, n, n)."""
-        S = self._state.factor
-        return S @ S.swapaxes(-1, -2)
+        return covariances(self._state.factor)
 
     @property
     def std(self) -> np.ndarray:
@@ -92,7 +96,7 @@ class Live:
 
     def predict(self, dt: float, u: Any = None) -> None:
         """Move the state dt seconds on, with inputs u (k,) where the motion takes them."""
-        self._do("predict", self._seconds(dt), self._inputs(u, "motion"))
+        self._do("predict", _seconds(dt), self._inputs(u, "motion"))
 
     def update(self, z: Any, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """Correct with a measurement z (m,) or (B, m), NaN where a component is missing.
@@ -121,14 +125,13 @@ class Live:
         before, fault = self._state.belief, np.array(self._state.fault)
         told = self._do("update", name, nothing, self._noise(name, R), self._inputs(u, "sensor", name))
         self._put(before, fault)
-        S = np.asarray(told.factor)
-        return -np.asarray(told.residual), S @ S.swapaxes(-1, -2)
+        return -np.asarray(told.residual), covariances(np.asarray(told.factor))
 
     def step(self, z: Any, dt: float, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """`predict(dt)` and `update(z)` in one compiled call."""
         name, value = self._measurement(z, sensor)
         used = self._noise(name, R)
-        return self._do("step", name, self._seconds(dt), value, used, self._inputs(u, "motion", name))
+        return self._do("step", name, _seconds(dt), value, used, self._inputs(u, "motion", name))
 
     def save(self) -> bytes:
         """The state as bytes; `restore` gives it back bit for bit, in another process too."""
@@ -175,11 +178,6 @@ class Live:
     def _cast(self, value: Any) -> np.ndarray:
         return np.asarray(value, self._dtype)
 
-    def _seconds(self, dt: float) -> np.ndarray:
-        if not dt >= 0:
-            raise InputError(f"dt must be a number of seconds, not negative; it is {dt}")
-        return self._cast(dt)
-
     def _sensor(self, sensor: str | None) -> str:
         if sensor is None and self.model.several:
             raise InputError(f"say which sensor measured: update(z, sensor=…), one of {sorted(self.model.sensors)}")
@@ -188,16 +186,17 @@ class Live:
         return sensor or ""
 
     def _measurement(self, z: Any, sensor: str | None) -> tuple[str, np.ndarray]:
+        value = np.asarray(z, self._dtype)
+        if sensor is None and value.shape == self._shape:
+            return "", value
         sensor = self._sensor(sensor)
-        value = self._cast(z)
         names = self.model.measurement[sensor]
-        wanted = self._tracks
-        if (
-            value.ndim != 1 + self._batched
-            or value.shape[:-1] != wanted
-            or (names is not None and value.shape[-1] != len(names))
-        ):
-            expected = (*wanted, len(names)) if names is not None else (*wanted, "m")
+        if names is None:
+            fits, expected = value.ndim == 1 + self._batched and value.shape[:-1] == self._tracks, (*self._tracks, "m")
+        else:
+            expected = (*self._tracks, len(names))
+            fits = value.shape == expected
+        if not fits:
             raise InputError(
                 f"z must have the shape {expected}{f' for {list(names)}' if names else ''}; it has {value.shape}"
             )
@@ -209,6 +208,8 @@ class Live:
         return cast(noise("R", R, self.model.measurement[sensor]), self._dtype)
 
     def _inputs(self, u: Any, what: str, sensor: str | None = None) -> Any:
+        if not self._driven:
+            return None
         wanted = self.model.motion_inputs if what == "motion" else False
         wanted = wanted or (sensor is not None and self.model.sensor_inputs[sensor])
         if not wanted:
@@ -218,3 +219,9 @@ class Live:
         value = numbers("u", u)
         finite("u", value)
         return self._cast(value)
+
+
+def _seconds(dt: float) -> float:
+    if not dt >= 0:
+        raise InputError(f"dt must be a number of seconds, not negative; it is {dt}")
+    return dt

@@ -44,6 +44,7 @@ class LaneState:
         self.dtype = mean.dtype
         low = self._lowered(0, None)
         self.packing = low.packing
+        self._lower = np.flatnonzero(np.tri(low.n))
         # Where it is known what will be needed, all is compiled side by side.
         if not (model.motion_inputs or any(model.sensor_inputs.values())):
             named = [("correct", s, len(m)) for s, m in model.measurement.items() if m is not None]
@@ -74,11 +75,11 @@ class LaneState:
     def factor(self) -> np.ndarray:
         """(n, n) or (B, n, n)."""
         n = self.packing.n
-        S = np.zeros((len(self.rows), n, n), self.dtype)
-        S[:, *np.tril_indices(n)] = self.rows[:, n : n + n * (n + 1) // 2]
-        return S if self._batched else S[0]
+        S = np.zeros((len(self.rows), n * n), self.dtype)
+        S[:, self._lower] = self.rows[:, n : n + len(self._lower)]
+        return S.reshape(-1, n, n) if self._batched else S.reshape(n, n)
 
-    def predict(self, dt: np.ndarray, u: np.ndarray | None) -> None:
+    def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""
         self._do(self._call(None, 0, True, u, None), dt, u, None)
 
@@ -86,36 +87,33 @@ class LaneState:
         """Correct."""
         return self._do(self._call(sensor, z.shape[-1], False, u, R), None, u, z)
 
-    def step(self, sensor: str, dt: np.ndarray, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
+    def step(self, sensor: str, dt: float, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
         """Move on and correct."""
         return self._do(self._call(sensor, z.shape[-1], True, u, R), dt, u, z)
 
     def _do(self, call: _Call, dt: Any, u: Any, z: Any) -> Any:
         if dt is not None:
-            call.dt[...] = dt
+            call.dt[0] = dt
         if u is not None:
             call.u[...] = u  # type: ignore[index]
         if z is not None:
             call.z[...] = z  # type: ignore[index]
-        count = len(self.rows)
-        if count == 1:
-            self._run(call.address, 0, 1)
-        else:
-            over_cores(self._run, call.job, count, self.dtype == np.float32)
+        if self._batched:
+            over_cores(self._run, call.job, len(self.rows), self.dtype == np.float32)
+            return None if z is None else Innovation(*[a.copy() for a in call.told])
+        self._run(call.address, 0, 1)
         if z is None:
             return None
-        if self._batched:
-            return Innovation(*[a.copy() for a in call.told])
-        residual, factor, *numbers = call.told
-        return Innovation(residual[0].copy(), factor[0].copy(), *[a[0] for a in numbers])
+        residual, factor, nis, likelihood, dof = call.told
+        return Innovation(residual[0].copy(), factor[0].copy(), nis[0], likelihood[0], dof[0])
 
     def _call(self, sensor: str | None, size: int, moving: bool, u: Any, R: Any) -> _Call:
+        if R is not None:
+            return self._made(sensor, size, moving, u, R)
         key = sensor, size, moving, None if u is None else u.shape
-        if R is None and key in self._calls:
-            return self._calls[key]
-        call = self._made(sensor, size, moving, u, R)
-        if R is None:
-            self._calls[key] = call
+        call = self._calls.get(key)
+        if call is None:
+            call = self._calls[key] = self._made(sensor, size, moving, u, None)
         return call
 
     def _lowered(self, inputs: int, model: Model | None) -> Lowered:

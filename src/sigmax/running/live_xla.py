@@ -44,9 +44,9 @@ class XlaState:
         S = np.asarray(self.belief.factor)
         return np.moveaxis(S, -1, 0) if S.ndim == 3 else S
 
-    def predict(self, dt: np.ndarray, u: np.ndarray | None) -> None:
+    def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""
-        self.belief, self.fault = self._predict(self._leaves, self.belief, dt, self._laid(u))
+        self.belief, self.fault = self._predict(self._leaves, self.belief, self._cast(dt), self._laid(u))
 
     def update(self, sensor: str, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
         """Correct."""
@@ -55,12 +55,15 @@ class XlaState:
         self.belief, told, self.fault = out
         return self._told(told)
 
-    def step(self, sensor: str, dt: np.ndarray, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
+    def step(self, sensor: str, dt: float, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
         """Move on and correct."""
         R = self.model.R[sensor] if R is None else R
-        out = self._step(self._leaves, self.belief, sensor, dt, z.T, R, self._laid(u))
+        out = self._step(self._leaves, self.belief, sensor, self._cast(dt), z.T, R, self._laid(u))
         self.belief, told, self.fault = out
         return self._told(told)
+
+    def _cast(self, dt: float) -> np.ndarray:
+        return np.asarray(dt, self.belief.mean.dtype)
 
     def _laid(self, u: np.ndarray | None) -> Any:
         return u.T if u is not None and u.ndim == 2 else u

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from sigmax.algebra.arrays import TWO_PI
 from sigmax.errors import InputError
+from sigmax.running.covariances import covariances
 from sigmax.running.step import Fault, Innovation
 
 # What a run can keep.
@@ -60,8 +61,7 @@ class Smoothed:
     @property
     def cov(self) -> Any:
         """Covariances (…, T, n, n), computed when asked for."""
-        S = self.factor
-        return S @ S.swapaxes(-1, -2)
+        return covariances(self.factor)
 
     @property
     def std(self) -> Any:
@@ -137,8 +137,7 @@ class Result(Smoothed):
         """Covariances of the innovations (…, T, m, m); a dict by sensor where there are several."""
 
         def covariance(told: Innovation) -> Any:
-            S = self._out(told.factor, "innovation_cov")
-            return S @ S.swapaxes(-1, -2)
+            return covariances(self._out(told.factor, "innovation_cov"))
 
         return self._by_sensor(covariance)
 

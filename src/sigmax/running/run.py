@@ -3,7 +3,6 @@
 from collections.abc import Collection
 from typing import Any
 
-from sigmax.algebra.compiling import tracing
 from sigmax.errors import unknown
 from sigmax.filters import Filter
 from sigmax.models.checks import is_traced
@@ -56,7 +55,7 @@ def run(
             raise unknown("part of a result", part, PARTS)
     ready = prepare(chosen, model, prior, z, dt, inputs, dtype)
     kept = frozenset(keep)
-    traced = tracing() or is_traced(ready)
+    traced = is_traced(ready)
     total, parts = attempt(
         backend,
         traced,

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.compiling import compiled
+from sigmax.algebra.compiling import compiled, tracing
 from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
 from sigmax.models.checks import is_traced
@@ -59,7 +59,8 @@ def filtered(filter: Filter, keep: frozenset[str], ready: Prepared, traced: bool
             cov=laid.cov if laid.cov.ndim == 3 else jnp.repeat(laid.cov[:, :, None], B, 2),
             z={s: v if v.ndim == 3 else jnp.repeat(v[:, :, None], B, 2) for s, v in laid.z.items()},
         )
-    if traced:
+    # Options of a compilation belong to the outermost one.
+    if traced or tracing():
         made = jax.jit(_scan, static_argnums=(0, 1))(filter, keep, ready.model, *laid)
     else:
         made = _over_cores(filter, keep, ready.model, laid)

@@ -52,13 +52,13 @@ def smooth(
     dtype = result.mean.dtype
     elapsed, u = laid_out_steps(model, dt, inputs, result.mean.shape[-2], dtype)
     model = cast(model, dtype)
-    traced = tracing() or is_traced((kept, model, elapsed, u))
+    traced = is_traced((kept, model, elapsed, u))
 
     def with_xla() -> Any:
         batched = result.layout.batched
         mean, factor, fault = (batch_last(a, a.ndim - batched) for a in kept)
         steps = batch_last(elapsed, 1), None if u is None else batch_last(u, 2)
-        made = (_backwards if traced else _compiled_backwards)(chosen, model, mean, factor, fault, *steps)
+        made = (_backwards if traced or tracing() else _compiled_backwards)(chosen, model, mean, factor, fault, *steps)
         return jax.tree.map(batch_first if batched else jnp.asarray if traced else np.asarray, made)
 
     made = attempt(backend, traced, lambda: lanes.smoothed(chosen, model, kept, elapsed, u), with_xla)

@@ -35,11 +35,20 @@ typedef struct {
     long long *dof;
 } Record;
 
+/* The elements of the tracks from `first` on, a lane each; behind the last track its elements are repeated. */
 static void gather(const Series *s, long first, long last, long step, V *to) {
-    for (int lane = 0; lane < W; lane++) {
-        long track = first + lane < last ? first + lane : last - 1;
-        const R *from = s->data + track * s->per_track + step * s->per_step;
-        for (long i = 0; i < s->size; i++) to[i][lane] = from[i];
+    const R *from = s->data + first * s->per_track + step * s->per_step;
+    if (s->per_track == 0 || last - first == 1) {
+        for (long i = 0; i < s->size; i++) to[i] = K(from[i]);
+        return;
+    }
+    const R *row[W];
+    for (long lane = 0; lane < W; lane++) row[lane] = from + (lane < last - first ? lane : last - first - 1) * s->per_track;
+    for (long i = 0; i < s->size; i++) {
+        V all = {0};
+#pragma GCC unroll 16
+        for (int lane = 0; lane < W; lane++) all[lane] = row[lane][i]; /* in a register: no stores are waited for */
+        to[i] = all;
     }
 }
 
@@ -171,6 +180,27 @@ void backwards(const Smoothing *s, long first, long end) {
             later = next, next = swapped;
             put_smoothed(s, later, told[0], first, lanes, t);
         }
+    }
+}
+
+typedef struct {
+    long n;
+    const R *factor;
+    R *cov;
+} Squares;
+
+/* Covariances P = S S' of lower factors S, all of them n by n with their rows one after the other. */
+void squares(const Squares *s, long first, long end) {
+    const long n = s->n;
+    for (long k = first; k < end; k++) {
+        const R *S = s->factor + k * n * n;
+        R *P = s->cov + k * n * n;
+        for (long i = 0; i < n; i++)
+            for (long j = 0; j <= i; j++) {
+                R sum = 0;
+                for (long l = 0; l <= j; l++) sum += S[i * n + l] * S[j * n + l];
+                P[i * n + j] = P[j * n + i] = sum;
+            }
     }
 }
 

@@ -1,0 +1,34 @@
+"""Covariances from factors, when a user asks for them."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from sigmax.models.checks import is_traced
+from sigmax.native import Unavailable, compiler
+from sigmax.native.driver import Squares, driver, over_cores, pointer
+
+
+def covariances(S: Any) -> Any:
+    """S Sᵀ of lower factors (…, n, n): compiled where it can be, for NumPy takes longer over many small products."""
+    if is_traced(S) or not _compiled(S.dtype.name):
+        return S @ S.swapaxes(-1, -2)
+    S = np.ascontiguousarray(S)
+    P = np.empty_like(S)
+    n, single = S.shape[-1], S.dtype == np.float32
+    count = S.size // n**2
+    job = Squares(n, pointer(S), pointer(P))
+    over_cores(driver(single)["squares"], job, count, single)
+    return P
+
+
+@cache
+def _compiled(dtype: str) -> bool:
+    if compiler() is None or dtype not in ("float32", "float64"):
+        return False
+    try:
+        driver(dtype == "float32")
+    except Unavailable:
+        return False
+    return True
