@@ -136,7 +136,7 @@ def test_native_where_it_cannot_be_had_is_refused_with_the_reason():
     prior, z = sigmax.Gaussian([0.0, 1.0], np.eye(2)), np.zeros((3, 2))
     with pytest.raises(InputError, match=r"'sort' cannot be lowered to C \(test_build.py, line \d+, in .*sensor\)"):
         sigmax.run("SRCKFB", sorting(), prior, z, backend="native")
-    with pytest.raises(InputError, match="did you mean 'native'"):
+    with pytest.raises(InputError, match="did you mean native"):
         sigmax.run("SRCKFB", sorting(), prior, z, backend="nativ")
 
 

@@ -42,7 +42,7 @@ def _dialect(kept: Sequence[Node]) -> Dialect:
         if node.index not in places:
             return None
         value = f"K(c[{places[node.index]}])"
-        return f"({value} != 0)" if node.truth else value
+        return f"v_truth({value})" if node.truth else value
 
     return Dialect(
         number="V",
@@ -54,9 +54,9 @@ def _dialect(kept: Sequence[Node]) -> Dialect:
         constant=_constant,
         fixed=fixed,
         input=lambda group, place: None,
-        stored="(V){}",
-        loaded="(M){}",
-        told="v_select({}, K(1), K(0))",
+        stored="v_number({})",
+        loaded="v_truth({})",
+        told="v_number({})",
     )
 
 
@@ -77,13 +77,14 @@ def _setup(kept: Sequence[Node]) -> list[str]:
             expression = _spelled(node, [names[a.index] for a in node.inputs])
             lines.append(f"{'M' if node.truth else 'V'} t{node.index} = {expression};")
     for i, node in enumerate(kept):
-        lines.append(f"c[{i}] = ({names[node.index]})[0]{' != 0' if node.truth else ''};")
+        value = f"v_number({names[node.index]})" if node.truth else names[node.index]
+        lines.append(f"c[{i}] = ({value})[0];")
     return [*lines, "(void)parameters; (void)c;", "}"]
 
 
 def _constant(node: Node) -> str:
     if node.truth:
-        return "((M){0} - 1)" if node.value else "((M){0})"
+        return "ALL" if node.value else "(ALL ^ ALL)"
     return f"K({literal(node.value)})"
 
 

@@ -38,9 +38,8 @@ def _arithmetic(symbol: str, fold: Callable[..., Any], commutes: bool = False) -
     return Operation(fold, text, text, commutes=commutes)
 
 
-def _comparison(symbol: str, fold: Callable[..., Any]) -> Operation:
-    text = f"{{0}} {symbol} {{1}}"
-    return Operation(fold, text, text, truth=True, commutes=symbol in ("==", "!="))
+def _comparison(symbol: str, lanes: str, fold: Callable[..., Any]) -> Operation:
+    return Operation(fold, lanes, f"{{0}} {symbol} {{1}}", truth=True, commutes=symbol in ("==", "!="))
 
 
 def _function(name: str, fold: Callable[..., Any], arity: int = 1) -> Operation:
@@ -63,12 +62,12 @@ OPERATIONS: dict[str, Operation] = {
     "*": _arithmetic("*", np.multiply, commutes=True),
     "/": _arithmetic("/", np.divide),
     "negative": Operation(np.negative, "-{0}", "-{0}"),
-    "<": _comparison("<", np.less),
-    "<=": _comparison("<=", np.less_equal),
-    ">": _comparison(">", np.greater),
-    ">=": _comparison(">=", np.greater_equal),
-    "==": _comparison("==", np.equal),
-    "!=": _comparison("!=", np.not_equal),
+    "<": _comparison("<", "v_less({0}, {1})", np.less),
+    "<=": _comparison("<=", "v_at_most({0}, {1})", np.less_equal),
+    ">": _comparison(">", "v_less({1}, {0})", np.greater),
+    ">=": _comparison(">=", "v_at_most({1}, {0})", np.greater_equal),
+    "==": _comparison("==", "v_equal({0}, {1})", np.equal),
+    "!=": _comparison("!=", "v_unequal({0}, {1})", np.not_equal),
     "and": Operation(np.logical_and, "{0} & {1}", "{0} & {1}", truth=True, commutes=True),
     "or": Operation(np.logical_or, "{0} | {1}", "{0} | {1}", truth=True, commutes=True),
     "xor": Operation(np.logical_xor, "{0} ^ {1}", "{0} ^ {1}", truth=True, commutes=True),

@@ -1,5 +1,5 @@
 /* Vector lanes: one track in each. R is the type of a number, V one number of each lane, M one truth
-   value of each lane (all bits set or none). No header is needed: compilers would read it for longer
+   value of each lane: a mask register where there are such, else all bits set or none. No header is needed: compilers would read it for longer
    than the step. */
 #ifndef SIGMAX_LANES
 #define SIGMAX_LANES
@@ -22,18 +22,61 @@ typedef long long I;
 #define W ((int)(BYTES / sizeof(R)))
 
 typedef R V __attribute__((vector_size(BYTES), may_alias));
-typedef I M __attribute__((vector_size(BYTES), may_alias));
+typedef I B __attribute__((vector_size(BYTES), may_alias)); /* the bits of numbers */
 
 #define INLINE static inline __attribute__((always_inline))
 
 /* One number in all lanes. */
 INLINE V K(R x) { return x - (V){0}; }
+
+#if BYTES == 64
+#if SIGMAX_FLOAT
+typedef unsigned short M;
+#define ALL ((M)0xffff)
+#else
+typedef unsigned char M;
+#define ALL ((M)0xff)
+#endif
+#define COMPARE(name, predicate)                                                                       \
+    INLINE M name(V a, V b) {                                                                          \
+        M m;                                                                                           \
+        __asm__("vcmp" PACKED " %3, %2, %1, %0" : "=k"(m) : "v"(a), "v"(b), "i"(predicate));           \
+        return m;                                                                                      \
+    }
+COMPARE(v_equal, 0)
+COMPARE(v_less, 1)
+COMPARE(v_at_most, 2)
+COMPARE(v_unequal, 4)
+INLINE V v_select(M m, V a, V b) {
+    V r;
+    __asm__("vblendm" PACKED " %2, %1, %0%{%3%}" : "=v"(r) : "v"(b), "v"(a), "Yk"(m));
+    return r;
+}
+INLINE int v_any(M m) { return m != 0; }
+#else
+typedef B M;
+#define ALL ((M){0} - 1)
+INLINE M v_equal(V a, V b) { return a == b; }
+INLINE M v_less(V a, V b) { return a < b; }
+INLINE M v_at_most(V a, V b) { return a <= b; }
+INLINE M v_unequal(V a, V b) { return a != b; }
 INLINE V v_select(M m, V a, V b) { return (V)((m & (M)a) | (~m & (M)b)); }
-INLINE V v_abs(V a) { return (V)((M)a & (M)((M){0} + BITS_OF_SIZE)); }
-INLINE M v_finite(V a) { return v_abs(a) < K(__builtin_inf()); }
-INLINE V v_max(V a, V b) { return v_select((a > b) | (a != a), a, b); }
-INLINE V v_min(V a, V b) { return v_select((a < b) | (a != a), a, b); }
-INLINE V v_sign(V a) { return v_select(a > 0, K(1), v_select(a < 0, K(-1), a)); }
+INLINE int v_any(M m) {
+    I found = 0;
+    for (int lane = 0; lane < W; lane++) found |= m[lane];
+    return found != 0;
+}
+#endif
+
+/* Truth values as the numbers 1 and 0, and back. */
+INLINE V v_number(M m) { return v_select(m, K(1), K(0)); }
+INLINE M v_truth(V a) { return v_unequal(a, K(0)); }
+
+INLINE V v_abs(V a) { return (V)((B)a & ((B){0} + BITS_OF_SIZE)); }
+INLINE M v_finite(V a) { return v_less(v_abs(a), K(__builtin_inf())); }
+INLINE V v_max(V a, V b) { return v_select(v_less(b, a) | v_unequal(a, a), a, b); }
+INLINE V v_min(V a, V b) { return v_select(v_less(a, b) | v_unequal(a, a), a, b); }
+INLINE V v_sign(V a) { return v_select(v_less(K(0), a), K(1), v_select(v_less(a, K(0)), K(-1), a)); }
 
 #define EACH(name, expression)                  \
     INLINE V name(V a) {                        \
@@ -72,7 +115,7 @@ EACH(v_trunc, SUFFIX(trunc)(x))
 /* Halves away from zero. */
 INLINE V v_round(V a) {
     V size = v_trunc(v_abs(a) + K(0.5));
-    return v_select(a < 0, -size, size);
+    return v_select(v_less(a, K(0)), -size, size);
 }
 
 INLINE V v_look_up(const R *table, V at) {

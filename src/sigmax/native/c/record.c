@@ -62,12 +62,6 @@ static void put_factor(const V *from, long n, int lane, R *to) {
         for (long j = 0; j < n; j++) to[i * n + j] = j <= i ? (*from++)[lane] : 0;
 }
 
-static int any(M m) {
-    I found = 0;
-    for (int lane = 0; lane < W; lane++) found |= m[lane];
-    return found != 0;
-}
-
 /* Tracks [first, end). Steps of sensors that nobody heard from cost nothing. */
 void record(const Record *r, long first, long end) {
     long widest = 1;
@@ -92,20 +86,20 @@ void record(const Record *r, long first, long end) {
             for (long s = 0; s < r->sensors; s++) {
                 const Sensor *sensor = r->sensor + s;
                 const long m = sensor->z.size;
-                M heard = (M){0};
+                M heard = v_unequal(K(0), K(0));
                 gather(&sensor->z, first, end, t, given);
                 for (long i = 0; i < m; i++) {
-                    given[i] = v_select(fault == 0, given[i], missing);
-                    heard |= given[i] == given[i];
+                    given[i] = v_select(v_equal(fault, K(0)), given[i], missing);
+                    heard |= v_equal(given[i], given[i]);
                 }
-                if (any(heard)) {
+                if (v_any(heard)) {
                     gather(&r->u, first, end, t, given + m);
                     sensor->correct(sensor->c, now, given, next, told);
                     swapped = now, now = next, next = swapped;
-                    nis += v_select(told[DOF] > 0, told[NIS], K(0));
+                    nis += v_select(v_less(K(0), told[DOF]), told[NIS], K(0));
                     dof += told[DOF];
                     likelihood += told[LOG_LIKELIHOOD];
-                    fault = v_select(fault == 0, told[FAULT], fault);
+                    fault = v_select(v_equal(fault, K(0)), told[FAULT], fault);
                 } else {
                     for (long i = 0; i < m; i++) told[RESIDUAL + i] = missing;
                     for (long i = 0; i < m * m; i++) told[RESIDUAL + m + i] = K(0);
@@ -117,7 +111,7 @@ void record(const Record *r, long first, long end) {
                 }
             }
             total += likelihood;
-            nis = v_select(dof > 0, nis, missing);
+            nis = v_select(v_less(K(0), dof), nis, missing);
             for (int lane = 0; lane < lanes; lane++) {
                 const long at = (first + lane) * r->steps + t;
                 if (r->mean) put(now, r->n, lane, r->mean + at * r->n);
