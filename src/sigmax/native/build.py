@@ -99,6 +99,27 @@ def load_all(sources: list[tuple[str, bool, bool]]) -> list[ctypes.CDLL]:
         return list(pool.map(lambda one: load(*one), sources))
 
 
+def remembered(name: str) -> str | None:
+    """The source that was kept under a name, if it is whole."""
+    try:
+        digest, _, source = (_folder() / name[:2] / f"{name}.c").read_text(encoding="utf-8").partition("\n")
+    except (OSError, UnicodeDecodeError):
+        return None
+    return source if digest == f"/* {_digest(source.encode())} */" else None
+
+
+def remember(name: str, source: str) -> None:
+    """Keep a source under a name; a cache that cannot be written is no error."""
+    folder = _folder() / name[:2]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=folder, delete=False, encoding="utf-8") as file:
+            file.write(f"/* {_digest(source.encode())} */\n{source}")
+        Path(file.name).replace(folder / f"{name}.c")
+    except OSError:
+        return
+
+
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:32]
 

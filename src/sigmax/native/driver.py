@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sigmax.native.build import load, load_all
+from sigmax.native.build import load, load_all, remember, remembered
 from sigmax.native.emit import lanes_source
 from sigmax.native.machine import cores, lane_bytes, vector_functions
 from sigmax.native.pieces import Program
@@ -88,14 +88,28 @@ class Squares(ctypes.Structure):
     _fields_ = [("n", ctypes.c_long), ("factor", ctypes.c_void_p), ("cov", ctypes.c_void_p)]
 
 
-def steps(programs: Sequence[Program], single: bool) -> list[Step]:
-    """Programs compiled side by side.
+def steps(programs: Sequence[tuple[str | None, Callable[[], Program]]], single: bool) -> list[Step]:
+    """Programs compiled side by side, each given by what makes it.
+
+    A fingerprint before it, if there is one, says under which name its source is remembered from another
+    process: then it need not be made.
 
     Raises:
+        Refused: where a program cannot be made.
         Unavailable: without a compiler, or where it fails.
     """
     vectors = vector_functions(single)
-    sources = [(_DRIVER.read_text(), single, False), *((lanes_source(p, vectors), single, True) for p in programs)]
+
+    def source(fingerprint: str | None, make: Callable[[], Program]) -> str:
+        name = None if fingerprint is None else f"{fingerprint}-{lane_bytes()}-{len(vectors)}"
+        known = None if name is None else remembered(name)
+        if known is None:
+            known = lanes_source(make(), vectors)
+            if name is not None:
+                remember(name, known)
+        return known
+
+    sources = [(_DRIVER.read_text(), single, False), *((source(*program), single, True) for program in programs)]
     _, *libraries = load_all(sources)
     return [_step(library, np.dtype(np.float32 if single else np.float64)) for library in libraries]
 

@@ -1,7 +1,7 @@
 """The half-steps of a filter lowered to C and compiled for this machine."""
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import jax
@@ -13,6 +13,7 @@ from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.native import Graph, Program, evaluate
 from sigmax.native.driver import Step, steps
+from sigmax.native.fingerprint import fingerprint
 from sigmax.native.graph import Array
 from sigmax.running.packing import Packing
 from sigmax.running.smooth_step import back
@@ -63,7 +64,7 @@ class Lowered:
         """
         missing = [part for part in parts if part not in self._made]
         if missing:
-            programs = [self.program(*part) for part in missing]
+            programs = [(self._fingerprint(part), partial(self.program, *part)) for part in missing]
             self._made |= zip(missing, steps(programs, self.dtype == np.float32), strict=True)
         return [self._made[part] for part in parts]
 
@@ -75,6 +76,12 @@ class Lowered:
         """
         made: Program = getattr(self, f"_{part}")(*about)
         return made
+
+    def _fingerprint(self, part: tuple[Any, ...]) -> str | None:
+        """What a part is compiled from, or None where that cannot be told."""
+        zeros = [(z.shape, z.tobytes()) for z in self.zeros]
+        model = vars(self._model([np.zeros(z.shape) for z in self.zeros]))
+        return fingerprint(part, self.filter, model, zeros, self.inputs, str(self.dtype))
 
     def parameters(self, model: Model) -> np.ndarray:
         """The model's numbers in one row, as the compiled steps take them."""

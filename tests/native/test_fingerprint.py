@@ -1,0 +1,119 @@
+"""A fingerprint changes with everything that a function's result depends on, and is refused where that is hidden."""
+
+import math
+import types
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import sigmax
+from sigmax.models.builtin import BUILTIN, builtin
+from sigmax.native.fingerprint import fingerprint
+from tests import own_records
+from tests.native.test_build import filtered
+
+SCALE = 2.0
+TABLE = np.arange(3.0)
+
+
+def helper(x):
+    return x * SCALE
+
+
+def of(source, **names):
+    """The function f of a piece of source."""
+    space = {"jnp": jnp, "jax": jax, "math": math, **names}
+    exec(source, space)
+    return space["f"]
+
+
+SAME = "def f(x):\n    return jnp.sin(x) * 2.0"
+
+
+def test_the_same_function_has_the_same_fingerprint():
+    assert fingerprint(of(SAME)) == fingerprint(of(SAME)) is not None
+    assert fingerprint(of(SAME), 1) != fingerprint(of(SAME), 2)
+    assert fingerprint(1) != fingerprint(1.0) != fingerprint(True)
+    assert fingerprint((1, 2), 3) != fingerprint((1,), 2, 3)
+    assert fingerprint(sigmax.angle("x")) != fingerprint("x")
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (of(SAME), of("def f(x):\n    return jnp.sin(x) * 3.0")),
+        (of(SAME), of("def f(x):\n    return jnp.cos(x) * 2.0")),
+        (of(SAME), of("def f(x):\n    return 2.0 * jnp.sin(x)")),
+        (of("def f(x, a=1.0):\n    return x * a"), of("def f(x, a=2.0):\n    return x * a")),
+        (of("def f(x):\n    return x * g", g=1.0), of("def f(x):\n    return x * g", g=2.0)),
+        (of("def f(x):\n    return g(x)", g=helper), of("def f(x):\n    return g(x)", g=of(SAME))),
+        (of("def f(x):\n    return x @ g", g=TABLE), of("def f(x):\n    return x @ g", g=TABLE + 1e-12)),
+        (of("def f(x):\n    return x * g['a']", g={"a": 1.0}), of("def f(x):\n    return x * g['a']", g={"a": 2.0})),
+        (of("def f(x):\n    return (lambda y: y + 1)(x)"), of("def f(x):\n    return (lambda y: y + 2)(x)")),
+        (partial(helper, 1.0), partial(helper, 2.0)),
+        (jax.jit(helper), jax.jit(of(SAME))),
+        (sigmax.get("SRUKF", alpha=0.4), sigmax.get("SRUKF", alpha=0.5)),
+        (sigmax.get("EKF"), sigmax.get("SREKF")),
+        (sigmax.motions.singer(tau=1.0).function, sigmax.motions.singer(tau=2.0).function),
+    ],
+)
+def test_what_matters_changes_it(one, other):
+    assert fingerprint(one) != fingerprint(other)
+    assert fingerprint(one) is not None
+    assert fingerprint(other) is not None
+
+
+def test_a_function_deep_below_matters(monkeypatch):
+    def outer(x):
+        return helper(x)
+
+    before = fingerprint(outer)
+    monkeypatch.setattr(f"{__name__}.SCALE", 3.0)
+    assert fingerprint(outer) != before
+
+
+class Thing:
+    def method(self, x):
+        return x
+
+    def __call__(self, x):
+        return x
+
+
+def uses_module(x):
+    return own_records.RADAR, x
+
+
+def reads(x):
+    return np.load("grid.npy") @ x
+
+
+@pytest.mark.parametrize(
+    "hidden", [Thing().method, Thing(), uses_module, reads, types.ModuleType("m"), object(), {1, 2}]
+)
+def test_what_cannot_be_seen_through_has_none(hidden):
+    assert fingerprint(hidden) is None
+
+
+def test_every_filter_and_built_in_model_has_one():
+    found = {fingerprint(sigmax.get(name)) for name in sigmax.names()}
+    assert None not in found
+    assert len(found) == len(sigmax.names())
+    assert None not in {fingerprint(vars(builtin(name).model)) for name in BUILTIN}
+
+
+def test_a_changed_model_in_another_process_is_not_mistaken_for_the_former(tmp_path):
+    first, again, changed = (filtered(tmp_path, scale=scale, backend="native")[0] for scale in ("0.1", "0.1", "0.7"))
+    assert first == again
+    assert changed == pytest.approx(filtered(tmp_path, scale="0.7", backend="xla")[0], rel=1e-12)
+    assert changed != pytest.approx(first, rel=1e-3)
+
+
+def test_a_damaged_source_in_the_cache_is_made_again(tmp_path):
+    value, _ = filtered(tmp_path, backend="native")
+    for path in (tmp_path / "cache").rglob("*.c"):
+        path.write_text(path.read_text().replace("2", "3", 1))
+    assert filtered(tmp_path, backend="native") == (value, "")
