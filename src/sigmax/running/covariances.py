@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.models.checks import is_traced
 from sigmax.native import Unavailable, compiler
 from sigmax.native.driver import Squares, driver, over_cores, pointer
 
 
 def covariances(S: Any) -> Any:
     """S Sᵀ of lower factors (…, n, n): compiled where it can be, for NumPy takes longer over many small products."""
-    if is_traced(S) or not _compiled(S.dtype.name):
+    if not isinstance(S, np.ndarray) or not _compiled(S.dtype):
         return S @ S.swapaxes(-1, -2)
     S = np.ascontiguousarray(S)
     P = np.empty_like(S)
@@ -24,11 +23,11 @@ def covariances(S: Any) -> Any:
 
 
 @cache
-def _compiled(dtype: str) -> bool:
-    if compiler() is None or dtype not in ("float32", "float64"):
+def _compiled(dtype: np.dtype[Any]) -> bool:
+    if compiler() is None or dtype not in (np.float32, np.float64):
         return False
     try:
-        driver(dtype == "float32")
+        driver(dtype == np.float32)
     except Unavailable:
         return False
     return True

@@ -74,7 +74,7 @@ class Live:
     @property
     def cov(self) -> np.ndarray:
         """Its covariance (n, n) or (B, n, n)."""
-        return covariances(self._state.factor)
+        return self._state.cov
 
     @property
     def std(self) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sigmax.filters import Filter
 from sigmax.models.model import Model
-from sigmax.native.driver import Record, Sensor, Series, driver, over_cores, pointer, series
+from sigmax.native.driver import Record, Sensor, Series, Squares, driver, over_cores, pointer, series
 from sigmax.running.lanes import started
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.step import Belief, Innovation
@@ -44,7 +44,6 @@ class LaneState:
         self.dtype = mean.dtype
         low = self._lowered(0, None)
         self.packing = low.packing
-        self._lower = np.flatnonzero(np.tri(low.n))
         # Where it is known what will be needed, all is compiled side by side.
         if not (model.motion_inputs or any(model.sensor_inputs.values())):
             named = [("correct", s, len(m)) for s, m in model.measurement.items() if m is not None]
@@ -52,7 +51,12 @@ class LaneState:
         self.rows = started(low, mean, cov, len(mean) if self._batched else 1)
         self.fault = np.zeros(len(self.rows), np.int8)
         self._calls: dict[Any, _Call] = {}
-        self._run = driver(self.dtype == np.float32)["record"]
+        single = self.dtype == np.float32
+        self._run, self._squares = driver(single)["record"], driver(single)["squares"]
+        self._lower = np.flatnonzero(np.tri(low.n))
+        self._S, self._P = (np.zeros((len(self.rows), low.n**2), self.dtype) for _ in range(2))
+        self._squaring = Squares(low.n, pointer(self._S), pointer(self._P))
+        self._squaring_at = ctypes.addressof(self._squaring)
 
     @property
     def belief(self) -> Belief:
@@ -75,9 +79,23 @@ class LaneState:
     def factor(self) -> np.ndarray:
         """(n, n) or (B, n, n)."""
         n = self.packing.n
-        S = np.zeros((len(self.rows), n * n), self.dtype)
-        S[:, self._lower] = self.rows[:, n : n + len(self._lower)]
-        return S.reshape(-1, n, n) if self._batched else S.reshape(n, n)
+        self._S[:, self._lower] = self.rows[:, n : n + len(self._lower)]
+        return self._whole(self._S)
+
+    @property
+    def cov(self) -> np.ndarray:
+        """(n, n) or (B, n, n)."""
+        n = self.packing.n
+        self._S[:, self._lower] = self.rows[:, n : n + len(self._lower)]
+        if self._batched:
+            over_cores(self._squares, self._squaring, len(self.rows), self.dtype == np.float32)
+        else:
+            self._squares(self._squaring_at, 0, 1)
+        return self._whole(self._P)
+
+    def _whole(self, rows: np.ndarray) -> np.ndarray:
+        n = self.packing.n
+        return rows.reshape(-1, n, n).copy() if self._batched else rows.reshape(n, n).copy()
 
     def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""

@@ -12,6 +12,7 @@ from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
 from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
+from sigmax.running.covariances import covariances
 from sigmax.running.scanned import batch_first, batch_last
 from sigmax.running.step import Belief, Innovation, begin, correct, predict
 
@@ -43,6 +44,12 @@ class XlaState:
         """(n, n) or (B, n, n)."""
         S = np.asarray(self.belief.factor)
         return np.moveaxis(S, -1, 0) if S.ndim == 3 else S
+
+    @property
+    def cov(self) -> np.ndarray:
+        """(n, n) or (B, n, n)."""
+        made: np.ndarray = covariances(self.factor)
+        return made
 
     def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""
