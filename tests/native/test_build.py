@@ -6,6 +6,7 @@ import stat
 import subprocess
 import sys
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -136,6 +137,10 @@ def test_native_where_it_cannot_be_had_is_refused_with_the_reason():
     prior, z = sigmax.Gaussian([0.0, 1.0], np.eye(2)), np.zeros((3, 2))
     with pytest.raises(InputError, match=r"'sort' cannot be lowered to C \(test_build.py, line \d+, in .*sensor\)"):
         sigmax.run("SRCKFB", sorting(), prior, z, backend="native")
+    with pytest.raises(InputError, match="inside a trace"):
+        jax.grad(lambda m: sigmax.run("EKF", sorting(), sigmax.Gaussian(m, np.eye(2)), z, backend="native").mean.sum())(
+            jnp.zeros(2)
+        )
     with pytest.raises(InputError, match="did you mean native"):
         sigmax.run("SRCKFB", sorting(), prior, z, backend="nativ")
 

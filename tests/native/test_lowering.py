@@ -28,7 +28,7 @@ def lowered(function, *sizes):
 def compiled(function, *sizes):
     """A function of vectors, as a function of rows that hold them one after the other."""
     program = lowered(function, *sizes)
-    (step,) = steps([program], single=False)
+    (step,) = steps([(None, lambda: program)], single=False)
     constants = step.setup(np.zeros(1))
 
     def call(rows):

@@ -25,11 +25,15 @@ def attempt(backend: str | None, traced: bool, native: Callable[[], Any], xla: C
         xla: the same on XLA; it takes over, with one line of warning, where the native engine cannot.
 
     Raises:
-        InputError: for an unknown backend, or where "native" was asked for and cannot be had.
+        InputError: for an unknown backend, or where `backend` is "native" and cannot be had.
     """
     asked = backend or os.environ.get("SIGMAX_BACKEND") or None
     if asked is not None and asked not in BACKENDS:
         raise unknown("backend", asked, BACKENDS)
+    if traced and backend == "native":
+        raise InputError(
+            "the native engine computes numbers only; inside a trace (jax.grad, jax.jit) leave backend= out"
+        )
     if traced or asked == "xla":
         return xla()
     if asked is None and (jax.default_backend() != "cpu" or compiler() is None):

@@ -88,22 +88,21 @@ INLINE V v_sign(V a) { return v_select(v_less(K(0), a), K(1), v_select(v_less(a,
         return r;                               \
     }
 
+#if BYTES >= 32
 #if BYTES == 64
+#define ROUNDED "vrndscale" PACKED
+#define REGISTER "v"
+#else
+#define ROUNDED "vround" PACKED
+#define REGISTER "x"
+#endif
 #define ONE(name, instruction) \
-    INLINE V name(V a) { V r; __asm__(instruction : "=v"(r) : "v"(a)); return r; }
-ONE(v_sqrt, "vsqrt" PACKED " %1, %0")
-ONE(v_rint, "vrndscale" PACKED " $8, %1, %0")
-ONE(v_floor, "vrndscale" PACKED " $9, %1, %0")
-ONE(v_ceil, "vrndscale" PACKED " $10, %1, %0")
-ONE(v_trunc, "vrndscale" PACKED " $11, %1, %0")
-#elif BYTES == 32
-#define ONE(name, instruction) \
-    INLINE V name(V a) { V r; __asm__(instruction : "=x"(r) : "x"(a)); return r; }
-ONE(v_sqrt, "vsqrt" PACKED " %1, %0")
-ONE(v_rint, "vround" PACKED " $8, %1, %0")
-ONE(v_floor, "vround" PACKED " $9, %1, %0")
-ONE(v_ceil, "vround" PACKED " $10, %1, %0")
-ONE(v_trunc, "vround" PACKED " $11, %1, %0")
+    INLINE V name(V a) { V r; __asm__(instruction " %1, %0" : "=" REGISTER(r) : REGISTER(a)); return r; }
+ONE(v_sqrt, "vsqrt" PACKED)
+ONE(v_rint, ROUNDED " $8,")
+ONE(v_floor, ROUNDED " $9,")
+ONE(v_ceil, ROUNDED " $10,")
+ONE(v_trunc, ROUNDED " $11,")
 #else
 EACH(v_sqrt, SUFFIX(sqrt)(x))
 EACH(v_rint, SUFFIX(rint)(x))
