@@ -85,7 +85,10 @@ class Rows(ctypes.Structure):
 class Squares(ctypes.Structure):
     """Factors to be squared, see record.c."""
 
-    _fields_ = [("n", ctypes.c_long), ("factor", ctypes.c_void_p), ("cov", ctypes.c_void_p)]
+    _fields_ = [
+        *((k, ctypes.c_long) for k in ("n", "per", "packed")),
+        *((k, ctypes.c_void_p) for k in ("factor", "cov")),
+    ]
 
 
 def steps(programs: Sequence[tuple[str | None, Callable[[], Program]]], single: bool) -> list[Step]:

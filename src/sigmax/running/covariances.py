@@ -17,7 +17,7 @@ def covariances(S: Any) -> Any:
     P = np.empty_like(S)
     n, single = S.shape[-1], S.dtype == np.float32
     count = S.size // n**2
-    job = Squares(n, pointer(S), pointer(P))
+    job = Squares(n, n**2, 0, pointer(S), pointer(P))
     over_cores(driver(single)["squares"], job, count, single)
     return P
 

@@ -1,6 +1,7 @@
 """The state of a live filter on steps compiled for this machine."""
 
 import ctypes
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -50,12 +51,12 @@ class LaneState:
             low.need(("start",), ("predict",), *named)
         self.rows = started(low, mean, cov, len(mean) if self._batched else 1)
         self.fault = np.zeros(len(self.rows), np.int8)
-        self._calls: dict[Any, _Call] = {}
+        self._calls: dict[Any, Callable[..., Any]] = {}
         single = self.dtype == np.float32
         self._run, self._squares = driver(single)["record"], driver(single)["squares"]
-        self._lower = np.flatnonzero(np.tri(low.n))
-        self._S, self._P = (np.zeros((len(self.rows), low.n**2), self.dtype) for _ in range(2))
-        self._squaring = Squares(low.n, pointer(self._S), pointer(self._P))
+        self._P = np.empty((len(self.rows), low.n, low.n), self.dtype)
+        factors = self.rows[:, low.n :]
+        self._squaring = Squares(low.n, low.packing.size, 1, pointer(factors), pointer(self._P))
         self._squaring_at = ctypes.addressof(self._squaring)
 
     @property
@@ -79,60 +80,66 @@ class LaneState:
     def factor(self) -> np.ndarray:
         """(n, n) or (B, n, n)."""
         n = self.packing.n
-        self._S[:, self._lower] = self.rows[:, n : n + len(self._lower)]
-        return self._whole(self._S)
+        S = np.zeros((len(self.rows), n * n), self.dtype)
+        S[:, np.flatnonzero(np.tri(n))] = self.rows[:, n : n + n * (n + 1) // 2]
+        return S.reshape(-1, n, n) if self._batched else S.reshape(n, n)
 
     @property
     def cov(self) -> np.ndarray:
         """(n, n) or (B, n, n)."""
-        n = self.packing.n
-        self._S[:, self._lower] = self.rows[:, n : n + len(self._lower)]
         if self._batched:
             over_cores(self._squares, self._squaring, len(self.rows), self.dtype == np.float32)
-        else:
-            self._squares(self._squaring_at, 0, 1)
-        return self._whole(self._P)
-
-    def _whole(self, rows: np.ndarray) -> np.ndarray:
-        n = self.packing.n
-        return rows.reshape(-1, n, n).copy() if self._batched else rows.reshape(n, n).copy()
+            return self._P.copy()
+        self._squares(self._squaring_at, 0, 1)
+        return self._P[0].copy()
 
     def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""
-        self._do(self._call(None, 0, True, u, None), dt, u, None)
+        self._ready(None, 0, True, u, None)(dt, u, None)
 
     def update(self, sensor: str, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
         """Correct."""
-        return self._do(self._call(sensor, z.shape[-1], False, u, R), None, u, z)
+        return self._ready(sensor, z.shape[-1], False, u, R)(0.0, u, z)
 
     def step(self, sensor: str, dt: float, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
         """Move on and correct."""
-        return self._do(self._call(sensor, z.shape[-1], True, u, R), dt, u, z)
+        return self._ready(sensor, z.shape[-1], True, u, R)(dt, u, z)
 
-    def _do(self, call: _Call, dt: Any, u: Any, z: Any) -> Any:
-        if dt is not None:
-            call.dt[0] = dt
-        if u is not None:
-            call.u[...] = u  # type: ignore[index]
-        if z is not None:
-            call.z[...] = z  # type: ignore[index]
-        if self._batched:
-            over_cores(self._run, call.job, len(self.rows), self.dtype == np.float32)
-            return None if z is None else Innovation(*[a.copy() for a in call.told])
-        self._run(call.address, 0, 1)
-        if z is None:
-            return None
-        residual, factor, nis, likelihood, dof = call.told
-        return Innovation(residual[0].copy(), factor[0].copy(), nis[0], likelihood[0], dof[0])
-
-    def _call(self, sensor: str | None, size: int, moving: bool, u: Any, R: Any) -> _Call:
-        if R is not None:
-            return self._made(sensor, size, moving, u, R)
+    def _ready(self, sensor: str | None, size: int, moving: bool, u: Any, R: Any) -> Callable[..., Any]:
+        """The call for arguments of this kind, made when first needed; one with its own R is made each time."""
         key = sensor, size, moving, None if u is None else u.shape
-        call = self._calls.get(key)
-        if call is None:
-            call = self._calls[key] = self._made(sensor, size, moving, u, None)
-        return call
+        go = self._calls.get(key) if R is None else None
+        if go is None:
+            go = self._bound(self._made(sensor, size, moving, u, R))
+            if R is None:
+                self._calls[key] = go
+        return go
+
+    def _bound(self, call: _Call) -> Callable[..., Any]:
+        """A function of dt, u and z around a call: everything is looked up once, for the call takes microseconds."""
+        run, job, address, batched = self._run, call.job, call.address, self._batched
+        dt_in, u_in, z_in, told = call.dt, call.u, call.z, call.told
+        count, single = len(self.rows), self.dtype == np.float32
+        if told and not batched:
+            residual, factor, *_ = (a[0] for a in told)
+            _, _, nis, likelihood, dof = told
+
+        # The job points into what the call keeps alive: the function has to hold on to it.
+        def go(dt: float, u: Any, z: Any, _kept: _Call = call) -> Any:
+            dt_in[0] = dt
+            if u is not None:
+                u_in[...] = u  # type: ignore[index]
+            if z is None:
+                over_cores(run, job, count, single)
+                return None
+            z_in[...] = z  # type: ignore[index]
+            if batched:
+                over_cores(run, job, count, single)
+                return Innovation(*[a.copy() for a in told])
+            run(address, 0, 1)
+            return Innovation(residual.copy(), factor.copy(), nis[0], likelihood[0], dof[0])
+
+        return go
 
     def _lowered(self, inputs: int, model: Model | None) -> Lowered:
         return lowered(self.filter, model or self.model, inputs, self.dtype, known_zeros=model is None)

@@ -1,6 +1,6 @@
 """The state of a live filter on XLA."""
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import jax
@@ -31,8 +31,7 @@ class XlaState:
     @classmethod
     def of_prior(cls, filter: Filter, model: Model, mean: np.ndarray, cov: np.ndarray) -> "XlaState":
         """The state of a prior (n,) or (B, n)."""
-        started = jax.jit(lambda mean, cov: begin(filter, mean, cholesky(cov)[0]))
-        return cls(filter, model, started(batch_last(mean, 1), batch_last(cov, 2)))
+        return cls(filter, model, _started(filter, batch_last(mean, 1), batch_last(cov, 2)))
 
     @property
     def mean(self) -> np.ndarray:
@@ -77,6 +76,11 @@ class XlaState:
 
     def _told(self, told: Innovation) -> Innovation:
         return Innovation(*map(batch_first, told)) if self.belief.mean.ndim == 2 else told
+
+
+@partial(jax.jit, static_argnums=0)
+def _started(filter: Filter, mean: Any, cov: Any) -> Belief:
+    return begin(filter, mean, cholesky(cov)[0])
 
 
 @lru_cache(maxsize=128)

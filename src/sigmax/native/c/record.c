@@ -177,24 +177,29 @@ void backwards(const Smoothing *s, long first, long end) {
     }
 }
 
+/* Factors that lie `per` numbers apart, n by n, or packed: then their rows end at the diagonal. */
 typedef struct {
-    long n;
+    long n, per, packed;
     const R *factor;
     R *cov;
 } Squares;
 
-/* Covariances P = S S' of lower factors S, all of them n by n with their rows one after the other. */
+/* Covariances P = S S' of lower factors S. */
 void squares(const Squares *s, long first, long end) {
     const long n = s->n;
     for (long k = first; k < end; k++) {
-        const R *S = s->factor + k * n * n;
+        const R *row = s->factor + k * s->per;
         R *P = s->cov + k * n * n;
-        for (long i = 0; i < n; i++)
-            for (long j = 0; j <= i; j++) {
+        for (long i = 0; i < n; row += s->packed ? ++i : (i++, n)) {
+            const R *other = s->factor + k * s->per;
+            for (long j = 0; j <= i;) {
                 R sum = 0;
-                for (long l = 0; l <= j; l++) sum += S[i * n + l] * S[j * n + l];
+                for (long l = 0; l <= j; l++) sum += row[l] * other[l];
                 P[i * n + j] = P[j * n + i] = sum;
+                j++;
+                other += s->packed ? j : n;
             }
+        }
     }
 }
 
