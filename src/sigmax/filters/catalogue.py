@@ -44,12 +44,16 @@ def _taylor1() -> Rule:
     return Taylor1()
 
 
-def _taylor2() -> Rule:
-    return Taylor2()
+def _taylor2_motion(d_motion: bool = True, D_motion: bool = True) -> Rule:
+    return Taylor2(mean=bool(d_motion), covariance=bool(D_motion))
 
 
-def _taylor2_mean() -> Rule:
-    return Taylor2(covariance=False)
+def _taylor2_sensor(d_sensor: bool = True, D_sensor: bool = True) -> Rule:
+    return Taylor2(mean=bool(d_sensor), covariance=bool(D_sensor))
+
+
+def _second_order_motion(d_motion: bool = True) -> Rule:
+    return Taylor2(mean=bool(d_motion), covariance=False)
 
 
 def _unscented(
@@ -98,7 +102,7 @@ def _information(information: str = "exact") -> Form:
 
 
 _INFORMATION = information
-_T1, _T2, _T2M = _taylor1, _taylor2, _taylor2_mean
+_T1, _T2, _T2H, _SO = _taylor1, _taylor2_motion, _taylor2_sensor, _second_order_motion
 _U, _C3, _C5, _SX, _GH = _unscented, _cubature3, _cubature5, _simplex, _gauss_hermite
 _P, _S, _B, _Y = _covariance, _square_root, _block, _information
 
@@ -129,16 +133,18 @@ _ENTRIES: dict[str, Entry] = {
     "GHKF": Entry(_GH, _GH, _P, "Gauss–Hermite of `order` points an axis"),
     "SRGHKF": Entry(_GH, _GH, _S, "Gauss–Hermite, square root"),
     "SRGHKFB": Entry(_GH, _GH, _B, "Gauss–Hermite, square root with block correction"),
-    "PF": Entry(_T2, _T2, _P, "polynomial: order 2 in motion and sensor"),
-    "SRPF": Entry(_T2, _T2, _S, "polynomial, square root"),
-    "SRPFB": Entry(_T2, _T2, _B, "polynomial, square root with block correction"),
-    "SOKF": Entry(_T2M, _T2, _P, "second order: polynomial without D of the motion"),
-    "SRSOKFB": Entry(_T2M, _T2, _B, "second order, square root with block correction"),
+    "PF": Entry(_T2, _T2H, _P, "polynomial: order 2 in motion and sensor, each of the four terms d, D a switch"),
+    "SRPF": Entry(_T2, _T2H, _S, "polynomial, square root"),
+    "SRPFB": Entry(_T2, _T2H, _B, "polynomial, square root with block correction"),
+    "SOKF": Entry(_SO, _T2H, _P, "second order: polynomial without D of the motion"),
+    "SRSOKF": Entry(_SO, _T2H, _S, "second order, square root"),
+    "SRSOKFB": Entry(_SO, _T2H, _B, "second order, square root with block correction"),
     "EIF": Entry(_T1, _T1, _Y, "extended, information"),
     "UIF": Entry(_U, _U, _Y, "unscented, information"),
     "CIF": Entry(_C3, _C3, _Y, "cubature, information"),
     "HCIF": Entry(_C5, _C5, _Y, "cubature of degree 5, information"),
-    "PIF": Entry(_T2, _T2, _Y, "polynomial, information"),
+    "PIF": Entry(_T2, _T2H, _Y, "polynomial, information"),
+    "SOIF": Entry(_SO, _T2H, _Y, "second order, information"),
 }
 
 

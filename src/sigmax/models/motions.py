@@ -10,6 +10,7 @@ import numpy as np
 
 from sigmax.models.model import angle, takes
 from sigmax.models.parts import Motion, made_once
+from sigmax.models.quadratic import quadratic_function
 from sigmax.models.smooth import cosc, decay, decay2, sinc
 
 
@@ -220,3 +221,32 @@ def mirrored_speed(speed: int, course: int) -> Callable[[jax.Array], jax.Array]:
         return x.at[speed].multiply(sign).at[course].add(jnp.where(backwards, jnp.pi, 0.0))
 
     return domain
+
+
+def quadratic(Phi0: Any, Phi_x: Any, Phi_xx: Any, names: Sequence[str] | None = None) -> Motion:
+    """Φ⁰ + Φˣ x + xᵀ Φˣˣ x, component by component, whatever the time between steps (Stepanov et al., (2), (3)).
+
+    Args:
+        Phi0: (n,).
+        Phi_x: (n, n).
+        Phi_xx: (n, n, n), a block for each component.
+        names: of the components.
+
+    Raises:
+        InputError: where the shapes do not fit.
+    """
+    function, n = quadratic_function("Phi", Phi0, Phi_x, Phi_xx)
+
+    def moved(x: jax.Array, dt: jax.Array) -> jax.Array:
+        return function(x)
+
+    def noise(covariance: Any) -> Callable[[jax.Array], jax.Array]:
+        """Q of a step from its covariance (n, n) or variances (n,)."""
+        whole = np.asarray(covariance, float)
+
+        def Q(dt: jax.Array) -> jax.Array:
+            return jnp.asarray(whole)
+
+        return Q
+
+    return Motion(moved, tuple(names or (f"x{i}" for i in range(n))), noise)

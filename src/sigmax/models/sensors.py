@@ -5,12 +5,14 @@ that begins (north, east), counter-clockwise from x for one that begins (x, y).
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from sigmax.models.model import angle
 from sigmax.models.parts import Sensor, made_once
+from sigmax.models.quadratic import quadratic_function
 from sigmax.models.smooth import direction, length
 
 
@@ -107,3 +109,19 @@ def range_azimuth(
         return jnp.stack(seen)
 
     return Sensor(function, tuple(names))
+
+
+def quadratic(H0: Any, H_x: Any, H_xx: Any, names: Sequence[str] | None = None) -> Sensor:
+    """H⁰ + Hˣ x + xᵀ Hˣˣ x, component by component (Stepanov et al., (1)), such as the square of a range.
+
+    Args:
+        H0: (m,).
+        H_x: (m, n).
+        H_xx: (m, n, n), a block for each component.
+        names: of the components.
+
+    Raises:
+        InputError: where the shapes do not fit.
+    """
+    function, m = quadratic_function("H", H0, H_x, H_xx)
+    return Sensor(function, tuple(names or (f"z{i}" for i in range(m))))

@@ -1,0 +1,98 @@
+"""The polynomial family: exact for quadratic models, each of its four terms a switch, models by their matrices."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import sigmax
+from sigmax import InputError, SigmaPoints, Taylor2, rules
+
+rng = np.random.default_rng(7)
+N, M = 3, 2
+PHI = rng.standard_normal(N) * 0.1, np.eye(N) + 0.1 * rng.standard_normal((N, N)), 0.05 * rng.standard_normal((N, N, N))
+H = rng.standard_normal(M), rng.standard_normal((M, N)), 0.3 * rng.standard_normal((M, N, N))
+MEAN = rng.standard_normal(N)
+FACTOR = np.tril(0.4 * rng.standard_normal((N, N))) + 0.5 * np.eye(N)
+
+
+def moments(line):
+    E, R, D = (np.asarray(a) for a in (line.slope, line.residual, line.deficit))
+    return np.asarray(line.mean), E @ E.T + R @ R.T - D @ D.T, FACTOR @ E.T
+
+
+MOTION, SENSOR = sigmax.motions.quadratic(*PHI), sigmax.sensors.quadratic(*H)
+MODEL = sigmax.Model(motion=MOTION, sensor=SENSOR, Q=MOTION.noise(np.full(N, 0.01)), R=np.full(M, 0.1))
+
+
+def moved(x):
+    return MOTION.function(x, 0.3)
+
+
+@pytest.mark.parametrize("g", [moved, SENSOR.function])
+def test_moments_of_quadratic_functions_are_exact(g):
+    columns = jax.vmap(g, in_axes=-1, out_axes=-1)
+
+    def over_points(x):
+        return g(x) if x.ndim == 1 else columns(x)
+
+    x, S, plain = jnp.asarray(MEAN), jnp.asarray(FACTOR), (False,) * len(g(jnp.asarray(MEAN)))
+    exact = moments(SigmaPoints(rules.gauss_hermite, order=3)(over_points, x, S, plain))
+    for mine, theirs in zip(moments(Taylor2()(over_points, x, S, plain)), exact, strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-12, atol=1e-12)
+    draws = np.random.default_rng(0).standard_normal((N, 400_000))
+    y = np.asarray(columns(x[:, None] + S @ draws))
+    mean, cov, cross = exact
+    scale = np.sqrt(np.diag(cov))
+    np.testing.assert_allclose(y.mean(1) / scale, mean / scale, atol=8e-3)
+    np.testing.assert_allclose(np.cov(y) / np.outer(scale, scale), cov / np.outer(scale, scale), atol=2e-2)
+    np.testing.assert_allclose(FACTOR @ draws @ (y - y.mean(1)[:, None]).T / draws.shape[1], cross, atol=2e-2)
+
+
+def test_matrices_mean_what_the_formula_says():
+    for function, (c, L, B) in ((moved, PHI), (SENSOR.function, H)):
+        value = function(jnp.asarray(MEAN))
+        wanted = [c[j] + L[j] @ MEAN + MEAN @ B[j] @ MEAN for j in range(len(c))]
+        np.testing.assert_allclose(value, wanted, rtol=1e-13)
+
+
+def filtered(name, **switches):
+    z = np.random.default_rng(1).standard_normal((8, M)) + np.asarray(H[0])
+    chosen = sigmax.get(name, **switches)
+    return sigmax.run(chosen, MODEL, sigmax.Gaussian(MEAN, FACTOR @ FACTOR.T), z)
+
+
+@pytest.mark.parametrize("family", [("PF", "SRPF", "SRPFB", "PIF"), ("SOKF", "SRSOKF", "SRSOKFB", "SOIF")])
+def test_all_forms_agree(family):
+    first, *others = (filtered(name) for name in family)
+    for other in others:
+        np.testing.assert_allclose(other.mean, first.mean, rtol=1e-9, atol=1e-10)
+        np.testing.assert_allclose(other.cov, first.cov, rtol=1e-8, atol=1e-11)
+
+
+def test_each_term_is_a_switch():
+    whole = filtered("PF")
+    switches = ("d_motion", "D_motion", "d_sensor", "D_sensor")
+    for switch in switches:
+        assert np.abs(filtered("PF", **{switch: False}).mean - whole.mean).max() > 1e-3
+    np.testing.assert_array_equal(filtered("PF", D_motion=False).mean, filtered("SOKF").mean)
+    np.testing.assert_array_equal(filtered("PF", D_motion=0).cov, filtered("SOKF").cov)
+    extended = filtered("PF", **dict.fromkeys(switches, False))
+    np.testing.assert_allclose(extended.mean, filtered("EKF").mean, rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(extended.cov, filtered("EKF").cov, rtol=1e-11, atol=1e-13)
+    with pytest.raises(InputError, match="SOKF has no parameter 'D_motion'"):
+        sigmax.get("SOKF", D_motion=True)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ((PHI[0], PHI[1], PHI[2][:2]), "must have the shapes"),
+        ((PHI[0][:2], PHI[1], PHI[2]), "must have the shapes"),
+        ((PHI[0], PHI[1] * np.nan, PHI[2]), "Phi_x must be finite"),
+        ((PHI[0], "text", PHI[2]), "Phi_x must be an array of real numbers"),
+    ],
+)
+def test_matrices_that_do_not_fit_are_refused(given, says):
+    with pytest.raises(InputError, match=says):
+        sigmax.motions.quadratic(*given)
