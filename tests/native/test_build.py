@@ -61,9 +61,19 @@ def test_a_damaged_cache_is_made_again(tmp_path, right):
 
 def test_what_is_in_the_cache_needs_no_compiler_run(tmp_path, right):
     filtered(tmp_path)
-    before = [(p, p.stat().st_mtime_ns) for p in libraries(tmp_path)]
+    before = [(p, p.stat().st_ino) for p in libraries(tmp_path)]
     filtered(tmp_path)
-    assert [(p, p.stat().st_mtime_ns) for p in libraries(tmp_path)] == before
+    assert [(p, p.stat().st_ino) for p in libraries(tmp_path)] == before
+
+
+def test_a_cache_that_grows_too_large_loses_what_was_not_used_for_longest(tmp_path, monkeypatch):
+    monkeypatch.setattr(build, "_MOST_FILES", 7)
+    (tmp_path / "ab").mkdir()
+    for k in range(8):
+        (tmp_path / "ab" / f"{k}.so").write_bytes(b"")
+        os.utime(tmp_path / "ab" / f"{k}.so", (1000 - k, 1000 - k))
+    build._prune(tmp_path)
+    assert sorted(p.name for p in (tmp_path / "ab").iterdir()) == [f"{k}.so" for k in range(6)]
 
 
 def test_without_a_compiler_xla_takes_over_in_silence(tmp_path, right):
@@ -108,6 +118,33 @@ def test_the_environment_chooses_the_backend(tmp_path, right):
     value, _ = filtered(tmp_path, SIGMAX_BACKEND="xla")
     assert value == right
     assert libraries(tmp_path) == []
+
+
+WIDTH = """
+import sys
+import sigmax.native.build, sigmax.native.driver, sigmax.native.machine
+for module in (sigmax.native.build, sigmax.native.driver, sigmax.native.machine):
+    module.lane_bytes = lambda: int(sys.argv[1])
+import numpy as np, sigmax
+made = sigmax.builtin("radar-ct")
+z = np.array([223_700.0, 0.4637, 94.9]) + np.random.default_rng(0).standard_normal((11, 5, 3)) * [50, 1e-4, 0.02]
+z[3, 2], z[5, 1, 0] = np.nan, np.nan
+for dtype in ("float64", "float32"):
+    results = [sigmax.run("SRUKFB", made.model, made.prior, z, dtype=dtype, backend=b) for b in ("native", "xla")]
+    apart = np.abs((results[0].mean - results[1].mean) / results[1].std)
+    alone = sigmax.run("SRUKFB", made.model, made.prior, z[5], dtype=dtype, backend="native")
+    print(apart.max() < (1e-9 if dtype == "float64" else 0.1), np.array_equal(alone.mean, results[0].mean[5]))
+"""
+
+
+@pytest.mark.parametrize("width", [width for width in (16, 32, 64) if width <= machine.lane_bytes()])
+def test_every_width_of_lanes_computes_the_same(width, tmp_path):
+    environment = os.environ | {"SIGMAX_CACHE": str(tmp_path / "cache"), "JAX_PLATFORMS": "cpu"}
+    done = subprocess.run(
+        [sys.executable, "-c", WIDTH, str(width)], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["True"] * 4
 
 
 def sorting():

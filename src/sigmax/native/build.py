@@ -23,6 +23,8 @@ _FLAGS = (
 _IDLE = ("dse", "tree-dse", "tree-fre", "tree-dominator-opts", "tree-pta", "tree-ccp", "tree-copy-prop")
 _HERE = Path(__file__).parent / "c"
 _LONGEST_SECONDS = 900
+# Some hundred kilobytes each at most.
+_MOST_FILES = 4000
 _one_at_a_time = threading.Lock()
 
 
@@ -101,11 +103,15 @@ def load_all(sources: list[tuple[str, bool, bool]]) -> list[ctypes.CDLL]:
 
 def remembered(name: str) -> str | None:
     """The source that was kept under a name, if it is whole."""
+    path = _folder() / name[:2] / f"{name}.c"
     try:
-        digest, _, source = (_folder() / name[:2] / f"{name}.c").read_text(encoding="utf-8").partition("\n")
+        digest, _, source = path.read_text(encoding="utf-8").partition("\n")
+        os.utime(path)
     except (OSError, UnicodeDecodeError):
         return None
-    return source if digest == f"/* {_digest(source.encode())} */" else None
+    if digest != f"/* {_digest(source.encode())} */":
+        return None
+    return source
 
 
 def remember(name: str, source: str) -> None:
@@ -129,6 +135,7 @@ def _kept(folder: Path, key: str) -> Path | None:
     for path in folder.glob(f"{key}-*.so"):
         try:
             if path.stem.endswith(_digest(path.read_bytes())):
+                os.utime(path)
                 return path
         except OSError:
             continue
@@ -153,4 +160,17 @@ def _compiled(folder: Path, key: str, source: str, settings: tuple[str, ...]) ->
             raise Unavailable(f"the compiler {' '.join(found.command)} ended with {done.returncode}: {reason}")
         final = folder / f"{key}-{_digest(made.read_bytes())}.so"
         made.replace(final)
+    _prune(folder.parent)
     return final
+
+
+def _prune(cache: Path) -> None:
+    """Let the files go that were not used for longest, where there are more than `_MOST_FILES`."""
+    try:
+        files = [path for path in cache.glob("??/*") if path.suffix in (".so", ".c")]
+        if len(files) > _MOST_FILES:
+            for path in sorted(files, key=lambda path: path.stat().st_mtime_ns)[: len(files) // 4]:
+                path.unlink(missing_ok=True)
+    except OSError:
+        # Another process is at it.
+        return

@@ -31,8 +31,8 @@ class Live:
         dtype: float64 or float32.
         backend: as in `run`.
 
-    The first predict and the first update of a model compile, some seconds; later ones take
-    microseconds. A step that is not sound leaves the state as it was; `ok` and `fault` tell.
+    What a model needs is compiled when it is made or first used, which takes up to some seconds; then
+    a step takes microseconds. One that is not sound leaves the state as it was; `ok` and `fault` tell.
 
     Raises:
         InputError: for whatever does not fit.
@@ -85,8 +85,8 @@ class Live:
     @property
     def ok(self) -> Any:
         """Whether the last call was sound: a bool, or one for each track."""
-        sound = np.asarray(self._state.fault) == 0
-        return sound if self._batched else bool(sound.all())
+        fault = self._state.fault
+        return np.asarray(fault) == 0 if self._batched else not fault.any()
 
     @property
     def fault(self) -> Any:
