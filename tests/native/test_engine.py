@@ -1,6 +1,9 @@
 """Compiled steps against XLA over catalogue and models, and against themselves: batch, loop and live alike."""
 
 import itertools
+import os
+import signal
+import time
 
 import jax
 import jax.numpy as jnp
@@ -223,3 +226,25 @@ def test_large_models_compile_in_pieces():
     )
     np.testing.assert_allclose(a.mean, b.mean, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(a.cov, b.cov, rtol=1e-9, atol=1e-12)
+
+
+def test_a_forked_process_has_threads_of_its_own():
+    made, z, _ = record("radar-ct", tracks=40, steps=12)
+
+    def run():
+        return sigmax.run("SRCKFB", made.model, made.prior, z, dt=made.dt, backend="native").mean
+
+    here = run()
+    # Idle threads are what a fork leaves behind without noticing.
+    time.sleep(0.2)
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        signal.alarm(60)
+        os.write(writing, run().tobytes())
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as pipe:
+        there = pipe.read()
+    assert os.waitpid(child, 0)[1] == 0
+    assert there == here.tobytes()

@@ -1,6 +1,7 @@
 """Compiled steps called from Python: over records, backwards, and over rows."""
 
 import ctypes
+import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -148,6 +149,11 @@ def driver(single: bool) -> Mapping[str, Any]:
 @cache
 def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(cores(), thread_name_prefix="sigmax")
+
+
+# The threads stay behind in the process that forks.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 def over_cores(function: Any, job: ctypes.Structure, tracks: int, single: bool) -> None:
