@@ -229,13 +229,13 @@ def test_large_models_compile_in_pieces():
 
 
 def test_a_forked_process_has_threads_of_its_own():
-    made, z, _ = record("radar-ct", tracks=40, steps=12)
+    made, z, _ = record("radar-ct", tracks=4000, steps=12)
 
     def run():
         return sigmax.run("SRCKFB", made.model, made.prior, z, dt=made.dt, backend="native").mean
 
     here = run()
-    # Idle threads are what a fork leaves behind without noticing.
+    # Enough work that every thread was started; idle ones are what a fork leaves behind without noticing.
     time.sleep(0.2)
     reading, writing = os.pipe()
     child = os.fork()
