@@ -170,6 +170,26 @@ def test_a_model_that_cannot_be_lowered_runs_on_xla_with_one_line(caplog):
     np.testing.assert_allclose(live.mean, first.mean[-1], rtol=1e-12)
 
 
+@pytest.mark.parametrize("halves", [False, True])
+def test_a_live_filter_goes_on_with_xla_where_a_part_turns_out_not_to_be_lowered(halves):
+    model = sigmax.Model(
+        motion=lambda x, dt, u: x + dt * u, sensor=lambda x: jnp.sort(x) ** 3, Q=[1.0, 1.0], R=[1.0, 1.0]
+    )
+    prior, z, u = sigmax.Gaussian([0.5, 1.0], np.eye(2)), np.ones((4, 2)), np.full((4, 2), 0.1)
+    wanted = sigmax.run("SRCKFB", model, prior, z, inputs=u, backend="xla")
+    live = sigmax.Live("SRCKFB", model, prior)
+    for t in range(4):
+        if halves:
+            live.predict(1.0, u[t])
+            live.update(z[t])
+        else:
+            live.step(z[t], 1.0, u=u[t])
+        np.testing.assert_allclose(live.mean, wanted.mean[t], rtol=1e-10)
+        np.testing.assert_allclose(live.cov, wanted.cov[t], rtol=1e-9)
+    with pytest.raises(InputError, match="'sort' cannot be lowered"):
+        sigmax.Live("SRCKFB", model, prior, backend="native").step(z[0], 1.0, u=u[0])
+
+
 def test_native_where_it_cannot_be_had_is_refused_with_the_reason():
     prior, z = sigmax.Gaussian([0.0, 1.0], np.eye(2)), np.zeros((3, 2))
     with pytest.raises(InputError, match=r"'sort' cannot be lowered to C \(test_build.py, line \d+, in .*sensor\)"):

@@ -130,8 +130,14 @@ class Live:
     def step(self, z: Any, dt: float, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """`predict(dt)` and `update(z)` in one compiled call."""
         name, value = self._measurement(z, sensor)
-        used = self._noise(name, R)
-        return self._do("step", name, _seconds(dt), value, used, self._inputs(u, "motion", name))
+        used = None if R is None else self._noise(name, R)
+        given = self._inputs(u, "motion", name) if self._driven else None
+        seconds = _seconds(dt)
+        try:
+            return self._state.step(name, seconds, value, used, given)
+        except (Refused, Unavailable) as error:
+            self._fall_back(error)
+        return self._state.step(name, seconds, value, used, given)
 
     def save(self) -> bytes:
         """The state as bytes; `restore` gives it back bit for bit, in another process too."""
@@ -162,11 +168,19 @@ class Live:
         try:
             return getattr(self._state, what)(*arguments)
         except (Refused, Unavailable) as error:
-            native_failed(self._backend, error)
+            self._fall_back(error)
+        return getattr(self._state, what)(*arguments)
+
+    def _fall_back(self, error: Exception) -> None:
+        """Go on with XLA where a part turns out not to be lowered.
+
+        Raises:
+            InputError: where the native engine was asked for.
+        """
+        native_failed(self._backend, error)
         fault = self._state.fault
         self._state = XlaState(self.filter, self.model, self._state.belief)
         self._state.fault = np.asarray(fault if self._batched else fault[0])
-        return getattr(self._state, what)(*arguments)
 
     def _put(self, belief: Any, fault: np.ndarray) -> None:
         self._state.belief = belief
