@@ -5,7 +5,9 @@ A module offers what its library can do: `batch(z)` for measurements (B, T, 3), 
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from scenario import Estimate
 
@@ -25,3 +27,14 @@ class Entry(NamedTuple):
     kind: str
     gives: str
     run: Callable[[], Estimate]
+
+
+def step_by_step(tracker: Any, z: np.ndarray) -> Estimate:
+    """Predict and update with each measurement, as libraries do whose trackers hold x and P."""
+    means, covs = [], []
+    for measured in z:
+        tracker.predict()
+        tracker.update(measured)
+        means.append(tracker.x)
+        covs.append(tracker.P)
+    return Estimate(np.array(means), np.array(covs))

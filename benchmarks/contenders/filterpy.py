@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-from contenders import Entry
+from contenders import Entry, step_by_step
 from scenario import DT, MEAN, PRIOR, Estimate, Q, R, motion, motion_jacobian, sensor, sensor_jacobian
 
 _GIVES = "mean, cov"
@@ -54,13 +54,7 @@ class _TurnEKF(ExtendedKalmanFilter):  # type: ignore[misc]
 
 
 def _track_ukf(z: np.ndarray, hx: Any, fx: Any) -> Estimate:
-    tracker, means, covs = _ukf(hx, fx), [], []
-    for measured in z:
-        tracker.predict()
-        tracker.update(measured)
-        means.append(tracker.x)
-        covs.append(tracker.P)
-    return Estimate(np.array(means), np.array(covs))
+    return step_by_step(_ukf(hx, fx), z)
 
 
 def _track_ekf(z: np.ndarray) -> Estimate:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from turbo_ckf import TurboCKF, TurboSRCKF
 
-from contenders import Entry
+from contenders import Entry, step_by_step
 from scenario import DT, MEAN, PRIOR, Estimate, Q, R, motion, sensor
 
 _FILTERS = {"CKF": TurboCKF, "SR-CKF": TurboSRCKF}
@@ -26,13 +26,7 @@ def _made(kind: Any) -> Any:
 
 
 def _steps(kind: Any, z: np.ndarray) -> Estimate:
-    tracker, means, covs = _made(kind), [], []
-    for measured in z:
-        tracker.predict()
-        tracker.update(measured)
-        means.append(tracker.x)
-        covs.append(tracker.P)
-    return Estimate(np.array(means), np.array(covs))
+    return step_by_step(_made(kind), z)
 
 
 def _whole(kind: Any, z: np.ndarray) -> Estimate:

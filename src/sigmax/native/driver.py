@@ -36,6 +36,10 @@ class Series(ctypes.Structure):
     _fields_ = [("data", ctypes.c_void_p), *((k, ctypes.c_long) for k in ("size", "per_track", "per_step"))]
 
 
+# Nothing to read, of any track and step.
+EMPTY = Series(None, 0, 0, 0)
+
+
 class Sensor(ctypes.Structure):
     """One sensor of a record, see record.c."""
 

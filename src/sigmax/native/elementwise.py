@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.native.graph import Array, Graph, Node
+from sigmax.native.graph import Array, Graph, boxed
 from sigmax.native.interpret import rule
 from sigmax.native.operations import OPERATIONS
 from sigmax.native.refusal import Refused
@@ -163,14 +163,8 @@ def _reduced(g: Graph, operation: str, start: Any, a: Array, axes: tuple[int, ..
     for axis in sorted(axes, reverse=True):
         parts = [a.take(i, axis) for i in range(a.shape[axis])]
         a = functools.reduce(combine, parts) if parts else g.constants(np.full(np.delete(a.shape, axis), start))
-        a = a if isinstance(a, np.ndarray) else _boxed(a)
+        a = boxed(a)
     return a
-
-
-def _boxed(node: Node) -> Array:
-    array = np.empty((), dtype=object)
-    array[()] = node
-    return array
 
 
 _REDUCTIONS = {

@@ -1,6 +1,7 @@
 """A step as a graph of scalar operations: known numbers folded, equal expressions made once."""
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,20 @@ class Node:
         return f"{self.value}" if self.known else f"{self.operation}#{self.index}"
 
 
+def boxed(made: Any) -> Array:
+    """An array as it is, a single node as an array without axes: NumPy unpacks those."""
+    if isinstance(made, np.ndarray):
+        return made
+    array = np.empty((), dtype=object)
+    array[()] = made
+    return array
+
+
+def array_of(nodes: Iterable[Node]) -> Array:
+    """Nodes as an array of one axis, also where there are none."""
+    return np.fromiter(nodes, dtype=object)
+
+
 class Graph:
     """The nodes made so far.
 
@@ -91,16 +106,11 @@ class Graph:
     def inputs(self, group: str, shape: tuple[int, ...], fixed: bool = False) -> Array:
         """A whole group as an array, counted row by row."""
         made = [self.input(group, i, fixed) for i in range(math.prod(shape))]
-        return np.array([*made, None], dtype=object)[:-1].reshape(shape)
+        return array_of(made).reshape(shape)
 
     def constants(self, values: Any) -> Array:
         """An array of known numbers."""
-        return np.frompyfunc(self.constant, 1, 1)(np.asarray(values)) if np.ndim(values) else self._scalar(values)
-
-    def _scalar(self, value: Any) -> Array:
-        array = np.empty((), dtype=object)
-        array[()] = self.constant(np.asarray(value)[()])
-        return array
+        return boxed(np.frompyfunc(self.constant, 1, 1)(np.asarray(values)))
 
     def divided_by(self, denominator: Node) -> bool:
         """Whether something has been divided by this before; remembered from now on."""

@@ -1,6 +1,6 @@
 """Rules of indexing, with known and with computed indices."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from typing import Any
 
@@ -104,6 +104,23 @@ def _inside(g: Graph, starts: Sequence[Node], largest: Sequence[int]) -> Node:
     return here
 
 
+def _starts(
+    g: Graph,
+    axes: int,
+    indices: Array,
+    place: tuple[int, ...],
+    indexed: Sequence[int],
+    batching: Iterable[tuple[int, int]],
+) -> list[Node]:
+    """Where the block of one place of the indices begins: by the indices themselves, along `batching` by the place."""
+    starts = [g.constant(0.0)] * axes
+    for j, axis in enumerate(indexed):
+        starts[axis] = indices[(*place, j)]
+    for axis, of in batching:
+        starts[axis] = g.constant(float(place[of]))
+    return starts
+
+
 @rule("gather")
 def _gather(g: Graph, equation: Any, a: Array, indices: Array) -> Array:
     d, sizes = equation.params["dimension_numbers"], equation.params["slice_sizes"]
@@ -112,11 +129,8 @@ def _gather(g: Graph, equation: Any, a: Array, indices: Array) -> Array:
     kept = [k for i, k in enumerate(sizes) if i not in gone]
     out = np.empty((*batch, *kept), dtype=object)
     for place in np.ndindex(*batch):
-        starts = [g.constant(0.0)] * a.ndim
-        for j, axis in enumerate(d.start_index_map):
-            starts[axis] = indices[(*place, j)]
-        for axis, of in zip(d.operand_batching_dims, d.start_indices_batching_dims, strict=True):
-            starts[axis] = g.constant(float(place[of]))
+        batching = zip(d.operand_batching_dims, d.start_indices_batching_dims, strict=True)
+        starts = _starts(g, a.ndim, indices, place, d.start_index_map, batching)
         block = _window(g, a, starts, sizes).reshape(kept)
         if _filled(equation):
             inside = _inside(g, starts, [n - k for n, k in zip(a.shape, sizes, strict=True)])
@@ -171,11 +185,8 @@ def _scatter(g: Graph, equation: Any, a: Array, indices: Array, updates: Array) 
     shape = iter([updates.shape[i] for i in windows])
     sizes = [1 if i in gone else next(shape) for i in range(a.ndim)]
     for place in np.ndindex(*batch):
-        starts = [g.constant(0.0)] * a.ndim
-        for j, axis in enumerate(d.scatter_dims_to_operand_dims):
-            starts[axis] = indices[(*place, j)]
-        for axis, of in zip(d.operand_batching_dims, d.scatter_indices_batching_dims, strict=True):
-            starts[axis] = g.constant(float(place[of]))
+        batching = zip(d.operand_batching_dims, d.scatter_indices_batching_dims, strict=True)
+        starts = _starts(g, a.ndim, indices, place, d.scatter_dims_to_operand_dims, batching)
         block = np.asarray(blocks[place], dtype=object).reshape(sizes)
         if not _filled(equation):
             starts = [_clipped(g, s, n - k) for s, n, k in zip(starts, a.shape, sizes, strict=True)]

@@ -3,10 +3,9 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
-from sigmax.native.graph import Array, Graph
+from sigmax.native.graph import Array, Graph, boxed
 from sigmax.native.refusal import Refused, line_of
 
 # A rule takes the graph, the equation and its arguments, and gives an array or a list of them.
@@ -58,16 +57,10 @@ def evaluate_open(g: Graph, jaxpr: Jaxpr, constants: Sequence[Array], arguments:
             raise Refused(f"the step has more than {_LARGEST} scalar operations")
         results = made if equation.primitive.multiple_results else [made]
         for variable, value in zip(equation.outvars, results, strict=True):
-            known[variable] = value if isinstance(value, np.ndarray) else _as_array(value)
+            known[variable] = boxed(value)
     g.label = outer
     return [read(v) for v in jaxpr.outvars]
 
 
 def _unknown(g: Graph, equation: Any, *arrays: Array) -> Array:
     raise Refused(f"the operation {equation.primitive.name!r} cannot be lowered to C")
-
-
-def _as_array(node: Any) -> Array:
-    array = np.empty((), dtype=object)
-    array[()] = node
-    return array

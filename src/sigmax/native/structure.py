@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.native.elementwise import each
-from sigmax.native.graph import Array, Graph
+from sigmax.native.graph import Array, Graph, boxed
 from sigmax.native.interpret import evaluate, evaluate_open, rule
 from sigmax.native.refusal import Refused
 
@@ -136,7 +136,7 @@ def _scan(g: Graph, equation: Any, *arrays: Array) -> list[Array]:
     constants, carry, series = arrays[:fixed], list(arrays[fixed : fixed + carried]), arrays[fixed + carried :]
     given: list[list[Array]] = []
     for i in range(length)[:: -1 if p["reverse"] else 1]:
-        made = evaluate(g, p["jaxpr"], [*constants, *carry, *(_boxed_row(s, i) for s in series)])
+        made = evaluate(g, p["jaxpr"], [*constants, *carry, *(boxed(s[i]) for s in series)])
         carry, out = made[:carried], made[carried:]
         given.append(out)
     if p["reverse"]:
@@ -147,11 +147,6 @@ def _scan(g: Graph, equation: Any, *arrays: Array) -> list[Array]:
         for k, shape in enumerate(shapes)
     ]
     return [*carry, *stacked]
-
-
-def _boxed_row(series: Array, i: int) -> Array:
-    row = series[i : i + 1]
-    return row.reshape(series.shape[1:])
 
 
 @rule("cholesky")

@@ -6,12 +6,10 @@ import numpy as np
 
 from sigmax.filters import Filter
 from sigmax.models.model import Model
-from sigmax.native.driver import Record, Rows, Sensor, Series, Smoothing, driver, over_cores, pointer, series
+from sigmax.native.driver import EMPTY, Record, Rows, Sensor, Smoothing, driver, over_cores, pointer, series
 from sigmax.running.edge import Prepared
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.step import Innovation
-
-_EMPTY = Series(None, 0, 0, 0)
 
 
 def started(low: Lowered, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.ndarray:
@@ -90,7 +88,7 @@ def filtered(filter: Filter, keep: frozenset[str], ready: Prepared) -> tuple[Any
         predict.address,
         pointer(constants[0]),
         series(dt, 0, dt.ndim == 2, True),
-        _EMPTY if u is None else series(u, 1, u.ndim == 3, True),
+        EMPTY if u is None else series(u, 1, u.ndim == 3, True),
         len(z),
         sensors,
         pointer(state),
@@ -142,7 +140,7 @@ def smoothed(filter: Filter, model: Model, kept: tuple[Any, Any, Any], dt: Any, 
         series(factor, 2, batched, True),
         series(fault, 0, batched, True),
         series(dt, 0, dt.ndim == 2, True),
-        _EMPTY if u is None else series(u, 1, u.ndim == 3, True),
+        EMPTY if u is None else series(u, 1, u.ndim == 3, True),
         *(pointer(a) for a in (new_mean, new_factor, failed)),
     )
     single = dtype == np.float32

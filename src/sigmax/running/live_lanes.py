@@ -9,12 +9,10 @@ import numpy as np
 
 from sigmax.filters import Filter
 from sigmax.models.model import Model
-from sigmax.native.driver import Record, Sensor, Series, Squares, driver, over_cores, pointer, series
+from sigmax.native.driver import EMPTY, Record, Sensor, Squares, driver, over_cores, pointer, series
 from sigmax.running.lanes import started
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.step import Belief, Innovation
-
-_EMPTY = Series(None, 0, 0, 0)
 
 
 class _Call(NamedTuple):
@@ -189,7 +187,7 @@ class LaneState:
             found["predict"].address if moving else None,
             pointer(constants.get("predict")),
             series(dt, 1, False, False),
-            _EMPTY if inputs is None else series(inputs, 1, inputs.ndim == 2, False),
+            EMPTY if inputs is None else series(inputs, 1, inputs.ndim == 2, False),
             0 if z is None else 1,
             sensors,
             pointer(self.rows),

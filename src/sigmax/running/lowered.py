@@ -14,7 +14,7 @@ from sigmax.models.model import Model
 from sigmax.native import Graph, Program, evaluate
 from sigmax.native.driver import Step, steps
 from sigmax.native.fingerprint import fingerprint
-from sigmax.native.graph import Array
+from sigmax.native.graph import Array, array_of
 from sigmax.running.packing import Packing
 from sigmax.running.smooth_step import back
 from sigmax.running.step import Belief, begin, correct, predict
@@ -97,11 +97,9 @@ class Lowered:
         """Trace a function of the model's numbers and of the inputs, and evaluate it over scalars."""
         noises, place = [], 0
         for zero in self.zeros if self._numbers is None else ():
-            symbols = np.array(
-                [g.constant(0.0) if z else g.input("parameters", place + i, True) for i, z in enumerate(zero.flat)]
-                + [None],
-                dtype=object,
-            )[:-1].reshape(zero.shape)
+            symbols = array_of(
+                g.constant(0.0) if z else g.input("parameters", place + i, True) for i, z in enumerate(zero.flat)
+            ).reshape(zero.shape)
             place += zero.size
             noises.append(symbols)
         noises += [g.constants(a) for a in self._numbers or ()]
