@@ -23,6 +23,7 @@ ORDER = [
     "models",
     "running",
     "records",
+    "studies",
     "reports",
     "export",
     "cli",

@@ -17,6 +17,7 @@ _HOME = {
     "sigmax.models": ("Gaussian", "Model", "Motion", "Sensor", "angle", "motions", "sensors", "with_derivatives"),
     "sigmax.models.builtin": ("builtin",),
     "sigmax.rules": ("SigmaPoints", "SigmaSet", "Taylor1", "Taylor2", "sigma_set"),
+    "sigmax.studies": ("Comparison", "Study", "compare", "load_studies", "undisturbed"),
     "sigmax.running": ("Fault", "Fit", "Live", "Result", "Smoothed", "fit", "run", "smooth"),
 }
 _WHERE = {name: module for module, names in _HOME.items() for name in names}
@@ -33,8 +34,10 @@ if TYPE_CHECKING:
     from sigmax.models.builtin import builtin
     from sigmax.rules import SigmaPoints, SigmaSet, Taylor1, Taylor2, sigma_set
     from sigmax.running import Fault, Fit, Live, Result, Smoothed, fit, run, smooth
+    from sigmax.studies import Comparison, Study, compare, load_studies, undisturbed
 
 __all__ = [
+    "Comparison",
     "Fault",
     "Filter",
     "Fit",
@@ -49,15 +52,18 @@ __all__ = [
     "SigmaPoints",
     "SigmaSet",
     "Smoothed",
+    "Study",
     "Taylor1",
     "Taylor2",
     "angle",
     "builtin",
     "catalogue",
+    "compare",
     "export_c",
     "fit",
     "forms",
     "get",
+    "load_studies",
     "motions",
     "names",
     "records",
@@ -67,6 +73,7 @@ __all__ = [
     "sensors",
     "sigma_set",
     "smooth",
+    "undisturbed",
     "with_derivatives",
     "wrap",
 ]

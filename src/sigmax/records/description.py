@@ -2,7 +2,7 @@
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 from sigmax.errors import InputError, unknown
 
 
-class _Section(BaseModel):
+class Section(BaseModel):
     """A table of the TOML; keys that are not known are refused with the nearest that are."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -26,7 +26,7 @@ class _Section(BaseModel):
         return given
 
 
-class Column(_Section):
+class Column(Section):
     """A column of the data and its unit; no unit means SI and radians."""
 
     column: str
@@ -46,7 +46,7 @@ ColumnGiven = Annotated[Column, BeforeValidator(_as_column)]
 Noise = Any
 
 
-class MotionPart(_Section):
+class MotionPart(Section):
     """One motion, built in or "file.py:function"; several are joined in their order."""
 
     kind: str
@@ -57,7 +57,7 @@ class MotionPart(_Section):
     inputs: dict[str, ColumnGiven] = Field(default_factory=dict)
 
 
-class SensorPart(_Section):
+class SensorPart(Section):
     """One sensor, built in or "file.py:function", and the columns that hold what it measured."""
 
     kind: str
@@ -71,7 +71,7 @@ class SensorPart(_Section):
     inputs: dict[str, ColumnGiven] = Field(default_factory=dict)
 
 
-class Description(_Section):
+class Description(Section):
     """All of it; the README of the format is docs/bring-your-own-data.md."""
 
     data: str
@@ -95,8 +95,11 @@ class Description(_Section):
         return self
 
 
-def read_description(path: Path) -> Description:
-    """The description in a TOML file.
+S = TypeVar("S", bound=Section)
+
+
+def read_toml(path: Path, kind: type[S]) -> S:
+    """What a TOML file describes.
 
     Raises:
         InputError: where there is no such file, it is no TOML, or keys are missing, unknown or of the wrong kind.
@@ -111,7 +114,7 @@ def read_description(path: Path) -> Description:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path} cannot be read: {error}") from error
     try:
-        return Description.model_validate(tomllib.loads(text))
+        return kind.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path.name} is not valid TOML: {error}") from error
     except ValidationError as error:

@@ -8,7 +8,7 @@ import pandas as pd
 
 from sigmax.errors import InputError, unknown
 from sigmax.models import Gaussian
-from sigmax.records.description import Column, Description, read_description
+from sigmax.records.description import Column, Description, read_toml
 from sigmax.records.model import Built, build
 from sigmax.records.prior import read_prior
 from sigmax.records.record import Record, parse_trial
@@ -25,7 +25,7 @@ def own(path: Path) -> Record:
     Raises:
         InputError: for whatever does not fit, in the description, the data or the user's functions.
     """
-    description = read_description(path)
+    description = read_toml(path, Description)
     try:
         return _record(path, description)
     except InputError as error:

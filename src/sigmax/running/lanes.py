@@ -42,7 +42,7 @@ def filtered(filter: Filter, keep: frozenset[str], ready: Prepared) -> tuple[Any
     needed = [("predict",), *(("correct", s, v.shape[-1]) for s, v in z.items())]
     _, predict, *corrects = low.need(("start",), *needed)
     n, dtype, B = low.n, low.dtype, 1 if ready.batch is None else ready.batch
-    T = next(iter(z.values())).shape[-2]
+    T = ready.dt.shape[-1]
     state = started(low, ready.mean, ready.cov, B)
     numbers = low.parameters(ready.model)
     dt = np.ascontiguousarray(ready.dt)

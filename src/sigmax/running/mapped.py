@@ -1,0 +1,73 @@
+"""A small function applied to many rows of numbers, on the engines that run the filters."""
+
+from collections.abc import Callable
+from functools import lru_cache, partial
+from typing import Any
+
+import jax
+import numpy as np
+
+from sigmax.algebra.compiling import compiled
+from sigmax.native import Graph, Program, evaluate
+from sigmax.native.driver import Rows, Step, driver, over_cores, pointer, series, steps
+from sigmax.native.fingerprint import fingerprint
+from sigmax.running.backend import attempt
+
+Shapes = tuple[tuple[int, ...], ...]
+
+
+def mapped(function: Callable[..., Any], *arrays: np.ndarray, backend: str | None = None) -> tuple[np.ndarray, ...]:
+    """What `function` gives for each row of arrays (B, …): one array (B, …) or several, always as a tuple.
+
+    Natively a row's bits do not depend on the rows beside it. Compiled once for a function and the shapes
+    of its arguments; a function is told from another by its identity.
+
+    Args:
+        function: of arrays (…), traceable by JAX, giving an array or a tuple of arrays.
+        arrays: the arguments for each row, float64.
+        backend: as in `run`.
+    """
+    rows = [np.ascontiguousarray(a, np.float64) for a in arrays]
+    shapes = tuple(a.shape[1:] for a in rows)
+
+    def native() -> tuple[np.ndarray, ...]:
+        step, made_shapes = _lowered(function, shapes)
+        count = len(rows[0])
+        given = np.ascontiguousarray(np.concatenate([a.reshape(count, -1) for a in rows], axis=1))
+        sizes = [int(np.prod(shape)) for shape in made_shapes]
+        made = np.empty((count, sum(sizes)))
+        constants = step.setup(np.zeros(1))
+        job = Rows(step.address, pointer(constants), series(given, 1, True, False), made.shape[1], pointer(made))
+        over_cores(driver(False)["rows"], job, count, False)
+        parts = np.split(made, np.cumsum(sizes)[:-1], axis=1)
+        return tuple(part.reshape(count, *shape) for part, shape in zip(parts, made_shapes, strict=True))
+
+    return attempt(backend, False, native, lambda: tuple(map(np.asarray, _vectorised(function)(*rows))))
+
+
+@lru_cache(maxsize=64)
+def _vectorised(function: Callable[..., Any]) -> Callable[..., Any]:
+    return compiled(jax.vmap(partial(_listed, function)))
+
+
+def _listed(function: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
+    made = function(*arguments)
+    return tuple(made) if isinstance(made, tuple) else (made,)
+
+
+@lru_cache(maxsize=64)
+def _lowered(function: Callable[..., Any], shapes: Shapes) -> tuple[Step, Shapes]:
+    specs = [jax.ShapeDtypeStruct(shape, np.float64) for shape in shapes]
+    name = fingerprint("mapped", function, shapes)
+    made = jax.eval_shape(partial(_listed, function), *specs)
+
+    def program() -> Program:
+        g = Graph()
+        flat = g.inputs("given", (sum(int(np.prod(shape)) for shape in shapes),))
+        bounds = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
+        given = [part.reshape(shape) for part, shape in zip(np.split(flat, bounds), shapes, strict=True)]
+        out = evaluate(g, jax.make_jaxpr(partial(_listed, function))(*specs), given)
+        return Program(g, ("given",), {"made": [node for a in out for node in a.flat], "told": []})
+
+    (step,) = steps([(name, program)], False)
+    return step, tuple(leaf.shape for leaf in made)

@@ -1,0 +1,89 @@
+"""What each filter costs, measured side by side."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sigmax.filters import Filter
+from sigmax.models import Gaussian
+from sigmax.rules import SigmaPoints, Taylor1, Taylor2
+from sigmax.running.edge import prepare
+from sigmax.running.timing import seconds
+from sigmax.studies.simulate import draw
+from sigmax.studies.study import Study
+
+_ROUNDS, _STEPS = 15, 50
+
+
+class Cost(NamedTuple):
+    """What a step of a filter costs in a batch of this study.
+
+    Attributes:
+        predict: seconds for a prediction.
+        update: seconds for a correction.
+        relative: (3,), prediction, correction and both divided by the EKF's.
+        evaluations: of the motion and of the sensors in a step; derivatives in a direction count as one.
+    """
+
+    predict: float
+    update: float
+    relative: np.ndarray
+    evaluations: tuple[int | None, int | None]
+
+
+def costs(
+    study: Study,
+    filters: Mapping[str, Filter],
+    yardstick: Filter,
+    seed: int,
+    backend: str | None,
+    tick: Callable[[], None] = lambda: None,
+) -> dict[str, Cost]:
+    """The cost of each filter relative to `yardstick`.
+
+    In every round each filter has its turn, so that a noisy machine favours none; the fastest of its turns counts,
+    for everything that disturbs a measurement makes it longer.
+    """
+    drawn = draw(study, seed, 0, backend)
+    T = min(study.steps, _STEPS)
+    prior = Gaussian(drawn.mean, study.prior.cov)
+    z: Any = {s: v[:, :T] for s, v in drawn.z.items()}
+    inputs = None if study.inputs is None else np.asarray(study.inputs)[:T]
+    taking_turns = [yardstick, *filters.values()]
+    ready = [
+        prepare(f, study.model, prior, z if study.model.several else z[""], study.elapsed[:T], inputs, "float64")
+        for f in taking_turns
+    ]
+
+    def turn() -> list[tuple[float, float]]:
+        return [seconds(f, laid, backend) for f, laid in zip(taking_turns, ready, strict=True)]
+
+    turn()  # compiles
+    rounds = []
+    for _ in range(_ROUNDS):
+        rounds.append(turn())
+        tick()
+    alone, whole = np.min(rounds, axis=0).T
+    parts = np.stack([alone, np.maximum(whole - alone, 1e-9), whole], axis=-1)
+    relative, each = parts / parts[0], parts / (T * study.block)
+    n = study.model.size
+    sensors = len(study.model.sensors)
+    return {
+        name: Cost(each[i, 0], each[i, 1], relative[i], (_evaluations(f.predict, n), _times(f.correct, n, sensors)))
+        for i, (name, f) in enumerate(filters.items(), start=1)
+    }
+
+
+def _times(rule: Any, n: int, sensors: int) -> int | None:
+    once = _evaluations(rule, n)
+    return None if once is None else once * sensors
+
+
+def _evaluations(rule: Any, n: int) -> int | None:
+    """How often a rule evaluates its function for n components, None for a rule of the user's."""
+    if isinstance(rule, SigmaPoints):
+        return rule.points(n).evaluations
+    if isinstance(rule, Taylor1):
+        return 1 + n
+    return 1 + n + n * (n + 1) // 2 if isinstance(rule, Taylor2) else None

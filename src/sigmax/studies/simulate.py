@@ -1,0 +1,132 @@
+"""Truth and measurements of a block of runs."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.algebra.arrays import times, wrap
+from sigmax.algebra.factor import Diagonal, Matrix, cholesky
+from sigmax.models import Model
+from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
+from sigmax.running.mapped import mapped
+from sigmax.studies.study import Study
+
+
+class Drawn(NamedTuple):
+    """A block of runs.
+
+    Attributes:
+        start: the true state before the first step (B, n).
+        truth: (B, T, n).
+        mean: where the filters start (B, n).
+        z: measurements by sensor (B, T, m), NaN where there was no plot.
+        kept: which runs did not escape (B,); those that did have no measurements and a truth of no meaning.
+    """
+
+    start: np.ndarray
+    truth: np.ndarray
+    mean: np.ndarray
+    z: dict[str, np.ndarray]
+    kept: np.ndarray
+
+
+class Parts(NamedTuple):
+    """The functions of a study that draw it, for one run.
+
+    Attributes:
+        start: (w (n,), v (n,)) -> true start, where the filters start.
+        move: (x, w (n,), dt, u) -> the true state dt later.
+        sense: by sensor, (x, v (m,), u) -> the measurement.
+    """
+
+    start: Callable[..., Any]
+    move: Callable[..., Any]
+    sense: dict[str, Callable[..., Any]]
+
+
+def _spread(L: Matrix, w: Any) -> Any:
+    return L.entries * w if isinstance(L, Diagonal) else times(L, w)
+
+
+def root_of(P: Any) -> Any:
+    """The lower factor of a covariance."""
+    return cholesky(P)[0]
+
+
+def mover(model: Model) -> Callable[..., Any]:
+    """(x, w, dt, u) -> the state dt later, disturbed by the noise of the motion."""
+    root = noise_root(model.Q)
+
+    def move(x: Any, w: Any, dt: Any, u: Any) -> Any:
+        L, _ = motion_noise(model, root, x, dt, u)
+        return wrap(moving(model, dt, u, False)(x) + _spread(L, w), model.angular)
+
+    return move
+
+
+def sensor_of(model: Model, sensor: str) -> Callable[..., Any]:
+    """(x, v, u) -> what one sensor measures, with its noise."""
+
+    def sense(x: Any, v: Any, u: Any) -> Any:
+        L, _ = sensor_noise(model.R[sensor], x, u, jnp.ones(v.shape, bool))
+        return wrap(sensing(model, sensor, u, False)(x) + _spread(L, v), model.measured_angular(sensor, v.shape[0]))
+
+    return sense
+
+
+@lru_cache(maxsize=16)
+def parts(study: Study) -> Parts:
+    """The functions that draw a study, the same objects at every call so that they are compiled once."""
+    nature, model = study.nature or study.model, study.model
+    mean, cov = np.asarray(study.prior.mean, float), np.asarray(study.prior.cov, float)
+    root = np.asarray(cholesky(jnp.asarray(cov))[0])
+    fixed = None if study.start is None else np.asarray(study.start, float)
+    estimate = study.estimate
+
+    def start(w: Any, v: Any) -> Any:
+        drawn = wrap(jnp.asarray(mean) + times(jnp.asarray(root), w), model.angular)
+        x0 = drawn if fixed is None else jnp.asarray(fixed)
+        if estimate == "prior":
+            return x0, jnp.asarray(mean)
+        if estimate == "drawn":
+            return x0, wrap(x0 + times(jnp.asarray(root), v), model.angular)
+        assert callable(estimate)
+        return x0, wrap(jnp.asarray(estimate(x0, v)), model.angular)
+
+    return Parts(start, mover(nature), {sensor: sensor_of(nature, sensor) for sensor in nature.sensors})
+
+
+def sizes(study: Study) -> dict[str, int]:
+    """The number of components of each sensor's measurement."""
+    x = jnp.asarray(study.prior.mean)
+    u = None if study.inputs is None else jnp.asarray(np.asarray(study.inputs, float)[0])
+    return {s: int(sensing(study.model, s, u, False)(x).shape[0]) for s in study.model.sensors}
+
+
+def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Drawn:
+    """The runs of one block: all its numbers come from the seed and the number of the block."""
+    rng = np.random.default_rng([seed, number, 0])
+    B, T, n = study.block, study.steps, study.model.size
+    functions = parts(study)
+    start, mean = mapped(functions.start, *rng.standard_normal((2, B, n)), backend=backend)
+    dt, x = study.elapsed, start
+    u = np.zeros((T, 0)) if study.inputs is None else np.asarray(study.inputs, float)
+    truth = np.empty((B, T, n))
+    for t, w in enumerate(rng.standard_normal((T, B, n))):
+        (x,) = mapped(functions.move, x, w, np.full(B, dt[t]), np.broadcast_to(u[t], (B, u.shape[1])), backend=backend)
+        truth[:, t] = x
+    reach = np.inf if study.reach is None else np.asarray(study.reach, float)
+    with np.errstate(invalid="ignore"):
+        kept = np.asarray((np.isfinite(truth) & (np.abs(truth) <= reach)).all((1, 2)))
+    truth[~kept] = study.prior.mean
+    z = {}
+    every = np.broadcast_to(u, (B, *u.shape)).reshape(B * T, -1)
+    for sensor, m in sizes(study).items():
+        noise = rng.standard_normal((B * T, m))
+        (value,) = mapped(functions.sense[sensor], truth.reshape(B * T, n), noise, every, backend=backend)
+        seen = (rng.random((B, T)) < study.detections[sensor]) & kept[:, None]
+        z[sensor] = np.where(seen[..., None], value.reshape(B, T, m), np.nan)
+    return Drawn(start, truth, mean, z, kept)

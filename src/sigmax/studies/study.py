@@ -1,0 +1,170 @@
+"""A study: how truth and measurements are drawn, and which filters are to be compared on them."""
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sigmax.algebra.factor import Diagonal
+from sigmax.errors import InputError, unknown
+from sigmax.filters import Filter
+from sigmax.models import Gaussian, Model
+from sigmax.models.checks import finite, numbers
+
+# What a start may be estimated by; a function (x0, w) -> mean besides.
+ESTIMATES = ("prior", "drawn")
+# How an optimum may be found.
+OPTIMA = ("guided", "bootstrap", "bank")
+# Numbers that one block of runs may hold of one covariance over time, and the runs it holds where that allows.
+_ROOM, _RUNS, _FEWEST = 6_000_000, 256, 8
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A scenario with what is to be compared on it.
+
+    Attributes:
+        name: short, for folders and tables.
+        model: the model that the filters use.
+        prior: what they are told of the state one dt before the first measurement.
+        steps: T, the number of measurements.
+        dt: seconds between them: one number or (T,).
+        title: in words.
+        nature: the model that truth and measurements follow; without it the filters' own.
+            `undisturbed(model)` moves without noise.
+        start: the true state (n,) one dt before the first measurement; without it every run draws its own
+            from the prior.
+        estimate: where the filters start: "prior" at the mean of the prior, "drawn" at a draw around the true
+            start with the covariance of the prior, or a function (x0 (n,), w (n,)) -> (n,) of the true start and
+            of standard normal numbers.
+        detection: probability that a sensor reports at a step: one number, or a dict by sensor.
+        inputs: (T, k), the same in all runs, or None.
+        filters: the filters by name.
+        runs: how many runs are made if nothing else is said.
+        look: times, in steps from 1, at which histograms and medians are shown.
+        mirror: the other state that is the same motion, x -> x, where a model has one: a run that ends
+            nearer to it than to the truth is lost.
+        limit: error (n,) beyond which a run counts as diverged at the end. Without it four times the deviation
+            that a prediction from the prior without any measurement would have.
+        reach: a run whose truth goes beyond it (n,) has escaped, as one whose truth is not finite: quadratic motions
+            have a basin. Escaped runs are counted and left out.
+        particles: of the optimum, or members of its bank, 0 for none; it supposes that nature is the filters' model.
+        optimum: how it is found: "guided" or "bootstrap" particles, or a "bank" of filters where the motion has so
+            little noise that particles run out.
+        optimum_runs: the optimum is computed in the first so many runs.
+        units: of the components of the state, "" where unknown; angles are radians.
+        about: sentences for the report.
+    """
+
+    name: str
+    model: Model
+    prior: Gaussian
+    steps: int
+    dt: Any = 1.0
+    title: str = ""
+    nature: Model | None = None
+    start: Any = None
+    estimate: str | Callable[[Any, Any], Any] = "prior"
+    detection: Any = 1.0
+    inputs: Any = None
+    filters: Mapping[str, Filter] = field(default_factory=dict)
+    runs: int = 1000
+    look: Sequence[int] = ()
+    mirror: Callable[[Any], Any] | None = None
+    limit: Any = None
+    reach: Any = None
+    particles: int = 0
+    optimum: str = "guided"
+    optimum_runs: int = 500
+    units: Sequence[str] = ()
+    about: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        n = self.model.size
+        if self.prior.size != n or self.prior.mean.ndim != 1 or self.prior.cov.ndim != 2:
+            raise InputError(f"{self.name}: the prior must be of one run: a mean ({n},) and a covariance ({n}, {n})")
+        if self.steps < 1:
+            raise InputError(f"{self.name}: a study needs at least one step; steps = {self.steps}")
+        if isinstance(self.estimate, str) and self.estimate not in ESTIMATES:
+            raise unknown("estimate of the start", self.estimate, ESTIMATES)
+        if self.optimum not in OPTIMA:
+            raise unknown("way to the optimum", self.optimum, OPTIMA)
+        for what, given in (("start", self.start), ("limit", self.limit), ("reach", self.reach)):
+            if given is not None and np.shape(given) != (n,):
+                raise InputError(f"{self.name}: {what} must have the shape ({n},); it has {np.shape(given)}")
+        dt = numbers("dt", self.dt)
+        finite("dt", dt)
+        if dt.ndim > 1 or (dt.ndim == 1 and len(dt) != self.steps) or (dt < 0).any():
+            raise InputError(f"{self.name}: dt must be a number of seconds or one for each of the {self.steps} steps")
+        if self.inputs is not None and (np.ndim(self.inputs) != 2 or len(self.inputs) != self.steps):
+            raise InputError(f"{self.name}: inputs must have the shape ({self.steps}, k)")
+        if self.nature is not None and (self.nature.size != n or list(self.nature.sensors) != list(self.model.sensors)):
+            raise InputError(f"{self.name}: nature must have the state and the sensors of the model")
+        for sensor, p in self.detections.items():
+            if not 0 <= p <= 1:
+                raise InputError(f"{self.name}: the probability of detection of {sensor or 'the sensor'} is {p}")
+        for step in self.look:
+            if not 1 <= step <= self.steps:
+                raise InputError(f"{self.name}: look has the step {step}; there are the steps 1 to {self.steps}")
+        if self.units and len(self.units) != n:
+            raise InputError(f"{self.name}: units must name {n} units, one a component")
+
+    @property
+    def detections(self) -> dict[str, float]:
+        """The probability that each sensor reports.
+
+        Raises:
+            InputError: for a sensor that the model does not have.
+        """
+        if not isinstance(self.detection, Mapping):
+            return dict.fromkeys(self.model.sensors, float(self.detection))
+        for sensor in self.detection:
+            if sensor not in self.model.sensors:
+                raise unknown("sensor", sensor, self.model.sensors)
+        return {sensor: float(self.detection.get(sensor, 1.0)) for sensor in self.model.sensors}
+
+    @property
+    def elapsed(self) -> np.ndarray:
+        """Seconds of each step (T,)."""
+        return np.broadcast_to(np.asarray(self.dt, float), (self.steps,)).copy()
+
+    @property
+    def time(self) -> np.ndarray:
+        """Seconds since the prior (T,)."""
+        return self.elapsed.cumsum()
+
+    @property
+    def looked(self) -> tuple[int, ...]:
+        """The steps, from 1, at which it is looked closely: as given, else five over the study."""
+        if self.look:
+            return tuple(sorted(set(self.look)))
+        return tuple(dict.fromkeys(np.geomspace(1, self.steps, 5).round().astype(int).tolist()))
+
+    @property
+    def fair(self) -> bool:
+        """Whether truth is drawn as the filters suppose, so that an optimum and a bound are defined."""
+        return self.nature is None and self.start is None and self.estimate == "prior"
+
+    @property
+    def block(self) -> int:
+        """The runs that are made together; numbers depend on it, so it depends on the study alone.
+
+        Raises:
+            InputError: for a study whose covariances of a few runs do not fit into memory.
+        """
+        fitting = _ROOM // (self.steps * self.model.size**2)
+        if fitting < _FEWEST:
+            raise InputError(
+                f"{self.name}: {self.steps} steps of {self.model.size} components are too much to be kept for "
+                f"{_FEWEST} runs at once: use at most {_ROOM // (_FEWEST * self.model.size**2)} steps, or a longer dt"
+            )
+        return int(min(_RUNS, 2 ** int(np.log2(fitting))))
+
+
+def undisturbed(model: Model) -> Model:
+    """The same model without noise of the motion: a truth that is fixed."""
+    still = copy.copy(model)
+    still.Q = Diagonal(np.zeros(model.size))
+    return still

@@ -1,0 +1,114 @@
+"""What is done for one block of runs, by whatever process or machine has time for it."""
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import cloudpickle
+import jax
+import numpy as np
+
+from sigmax.filters import Filter
+from sigmax.models import Gaussian
+from sigmax.running.run import run
+from sigmax.studies.bank import bank
+from sigmax.studies.bound import Information, information
+from sigmax.studies.particles import particles
+from sigmax.studies.simulate import Drawn, draw
+from sigmax.studies.study import Study
+from sigmax.studies.sums import Estimated, Sums, Yardsticks, summed
+
+# The optimum and the same with twice the particles, which shows its own error.
+OPTIMUM, CHECK = "optimum", "optimum, twice the particles"
+
+
+class Done(NamedTuple):
+    """What became of one block: sums by filter, runs that escaped, and what its truth tells for the bound."""
+
+    sums: dict[str, Sums]
+    escaped: int
+    told: Information | None
+
+
+class Work:
+    """All that a worker needs to know; pickled once and read once in each process.
+
+    Attributes:
+        study: the study.
+        filters: by name.
+        by: what errors are held against.
+        seed: of the whole study.
+        bounded: whether the bound is wanted.
+        backend: as in `run`.
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        filters: Mapping[str, Filter],
+        by: Yardsticks,
+        seed: int,
+        bounded: bool,
+        backend: str | None,
+    ) -> None:
+        self.study, self.filters, self.by = study, dict(filters), by
+        self.seed, self.bounded, self.backend = seed, bounded, backend
+        self._pickled: bytes | None = None
+
+    def without(self, names: Sequence[str]) -> "Work":
+        """The same without some filters."""
+        kept = {name: f for name, f in self.filters.items() if name not in names}
+        return Work(self.study, kept, self.by, self.seed, self.bounded, self.backend)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self._pickled is None:
+            state = (self.study, self.filters, self.by, self.seed, self.bounded, self.backend)
+            self._pickled = cloudpickle.dumps(state)
+        return _work, (self._pickled,)
+
+
+@lru_cache(maxsize=4)
+def _work(pickled: bytes) -> Work:
+    """The same object for the same bytes, so that a process compiles its filters once."""
+    return Work(*cloudpickle.loads(pickled))
+
+
+def estimate(work: Work, name: str, drawn: Drawn) -> Estimated:
+    """What one filter makes of a block."""
+    study = work.study
+    prior = Gaussian(drawn.mean, study.prior.cov)
+    z: Any = drawn.z if study.model.several else drawn.z[""]
+    keep = ("mean", "factor", "fault", "nis", "dof")
+    found = run(
+        work.filters[name], study.model, prior, z, dt=study.dt, inputs=study.inputs, keep=keep, backend=work.backend
+    )
+    return Estimated(found.mean, found.factor, found.fault, found.nis, found.dof)
+
+
+def _optimum(work: Work, drawn: Drawn, count: int, seed: tuple[int, ...]) -> Estimated:
+    study = work.study
+    if study.optimum == "bank":
+        return bank(study, drawn, count, seed, work.backend)
+    return particles(study, drawn, count, seed, study.optimum, work.backend)
+
+
+def block(work: Work, number: int, size: int, count: int) -> Done:
+    """The sums of the first `size` runs of a block, with the optimum where there are particles."""
+    study = work.study
+    drawn = draw(study, work.seed, number, work.backend)
+    kept = np.flatnonzero(drawn.kept[:size])
+    truth, last = drawn.truth[kept], None
+    if study.mirror is not None:
+        last = np.asarray(jax.vmap(study.mirror)(truth[:, -1]))
+    if not len(kept):
+        return Done({}, size, None)
+
+    def added(found: Estimated) -> Sums:
+        return summed(Estimated(*(a[kept] for a in found)), truth, last, work.by)
+
+    sums = {name: added(estimate(work, name, drawn)) for name in work.filters}
+    if count:
+        for k, name in enumerate((OPTIMUM, CHECK), start=1):
+            sums[name] = added(_optimum(work, drawn, k * count, (work.seed, number, k)))
+    told = information(study, drawn, kept, work.backend) if work.bounded else None
+    return Done(sums, size - len(kept), told)
