@@ -220,7 +220,7 @@ for (const level of ["error", "warn"]) {
 </script>"""
 _PROBE_TAIL = """<script>
 window.addEventListener("load", () => setTimeout(() => {
-  const select = document.getElementById("choose-track");
+  const select = document.querySelector('select[data-choice="track"]');
   select.value = "1"; select.dispatchEvent(new Event("change"));
   setTimeout(() => parent.postMessage(JSON.stringify({
     problems: window.problems, width: window.innerWidth, scroll: document.documentElement.scrollWidth,

@@ -3,7 +3,8 @@
 import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,13 @@ from sigmax.reports.verdict import grade, verdict
 FILES = ("estimates.parquet", "summary.json", "report.html")
 
 
-def check_folder(folder: Path) -> None:
+def check_folder(folder: Path, names: Collection[str] = FILES, mark: str = "summary.json") -> None:
     """Refuse a place where a result cannot be put without destroying something.
+
+    Args:
+        folder: the place.
+        names: what a former result may consist of.
+        mark: the file by which it is known to be one.
 
     Raises:
         InputError: for a file, a folder with other things in it, or a place that cannot be written.
@@ -32,8 +38,8 @@ def check_folder(folder: Path) -> None:
         raise InputError(f"{folder} is a {'link' if folder.is_symlink() else 'file'}; give --out a folder")
     if folder.is_dir():
         inside = sorted(p.name for p in folder.iterdir())
-        others = [name for name in inside if name not in FILES]
-        if others or (inside and not _ours(folder)):
+        others = [name for name in inside if name not in names]
+        if others or (inside and not (folder / mark).is_file()) or not _ours(folder):
             raise InputError(
                 f"{folder} holds other things ({', '.join((others or inside)[:3])}) and would be replaced; "
                 "give --out a new or an empty folder"
@@ -44,29 +50,28 @@ def check_folder(folder: Path) -> None:
 
 
 def _ours(folder: Path) -> bool:
+    """Whether the summary, if there is one, is of this library."""
+    path = folder / "summary.json"
     try:
-        return "sigmax" in json.loads((folder / "summary.json").read_text(encoding="utf-8"))["versions"]
+        return not path.exists() or "sigmax" in json.loads(path.read_text(encoding="utf-8"))["versions"]
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
 
-def write(folder: Path, record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> None:
-    """Write estimates.parquet, summary.json and report.html; the folder appears whole or not at all.
+@contextmanager
+def replaced(folder: Path) -> Iterator[Path]:
+    """A folder to write into that takes the place of `folder` at the end, whole or not at all.
 
     Raises:
-        InputError: where something else is in the way (see `check_folder`), or the disk does not take it.
+        InputError: where the disk does not take it.
     """
     folder = folder.absolute()
-    check_folder(folder)
     made = [p for p in folder.parents if not p.exists()]
     part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
     try:
         part.mkdir(parents=True)
-        _estimates(part / "estimates.parquet", record, outcomes)
-        told = json.dumps(summary(record, scores), indent=2, ensure_ascii=False, allow_nan=False)
-        (part / "summary.json").write_text(told + "\n", encoding="utf-8")
-        (part / "report.html").write_text(page(record, outcomes, scores), encoding="utf-8")
+        yield part
         if folder.exists():
             folder.rename(old)
         part.rename(folder)
@@ -84,6 +89,24 @@ def write(folder: Path, record: Record, outcomes: Sequence[Outcome], scores: Seq
     finally:
         if folder.exists():
             shutil.rmtree(old, ignore_errors=True)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """A file of JSON; NaN is refused."""
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def write(folder: Path, record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> None:
+    """Write estimates.parquet, summary.json and report.html; the folder appears whole or not at all.
+
+    Raises:
+        InputError: where something else is in the way (see `check_folder`), or the disk does not take it.
+    """
+    check_folder(folder)
+    with replaced(folder) as part:
+        _estimates(part / "estimates.parquet", record, outcomes)
+        write_json(part / "summary.json", summary(record, scores))
+        (part / "report.html").write_text(page(record, outcomes, scores), encoding="utf-8")
 
 
 def versions() -> dict[str, str]:

@@ -22,20 +22,18 @@
     return layout;
   }
 
-  function draw(place, name) {
+  function draw(element) {
+    const section = element.closest("section");
+    const name = element.dataset.figure.replace(/\{(\w+)\}/g, function (whole, choice) {
+      return section.querySelector('select[data-choice="' + choice + '"]').value;
+    });
     const figure = figures[name];
-    const element = document.getElementById(place);
-    if (!figure || !element) { return; }
+    if (!figure) { return; }
     Plotly.react(element, figure.data, layoutOf(figure), config).then(function () { element.dataset.drawn = name; });
   }
 
-  draw("path", "path");
-  draw("nis", "nis");
-  const filter = document.getElementById("choose-filter"), track = document.getElementById("choose-track");
-  function components() { draw("components", "components/" + filter.value + "/" + (track ? track.value : 0)); }
-  if (filter) {
-    filter.addEventListener("change", components);
-    if (track) { track.addEventListener("change", components); }
-    components();
-  }
+  document.querySelectorAll(".plot").forEach(draw);
+  document.querySelectorAll("select[data-choice]").forEach(function (select) {
+    select.addEventListener("change", function () { select.closest("section").querySelectorAll(".plot").forEach(draw); });
+  });
 })();

@@ -1,18 +1,16 @@
 """The page: everything in one file that opens without a network."""
 
-import json
 from collections.abc import Sequence
 from html import escape
 from importlib.metadata import version
-from importlib.resources import files
 
 import numpy as np
-from plotly.offline import get_plotlyjs
 
 import sigmax
 from sigmax.algebra.factor import Diagonal
 from sigmax.models.model import Noise
 from sigmax.records import Outcome, Record
+from sigmax.reports.document import choices, document, place, section, table
 from sigmax.reports.figures import Figure, Shown, colour, component_figure, limit, nis_figure, path_figure, shown_in
 from sigmax.reports.score import Score
 from sigmax.reports.verdict import RULES, Grade, best, grade, nis_in_words, significant, verdict
@@ -41,32 +39,9 @@ def page(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -
             figures["nis"], window = found
             sections.append(_nis(window, len(record.tracks)))
     sections += [_settings(record, outcomes, scores), _data(record)]
-    data = json.dumps(figures, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    here = files("sigmax.reports")
-    css, js = (here.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
     tracks = "" if len(record.tracks) == 1 else f"{len(record.tracks)} tracks, "
     about = f"Record {record.name}: {tracks}{int(record.steps.sum()):,} steps, {_duration(record)}."
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<link rel="icon" href="data:,">
-<title>{escape(record.title)} – sigmax</title>
-<style>{css}</style>
-</head>
-<body>
-<main>
-<h1>{escape(record.title)}</h1>
-<p class="quiet">{escape(about)} Tracked with sigmax {escape(sigmax.__version__)}.</p>
-{"".join(sections)}
-</main>
-<script>{get_plotlyjs()}</script>
-<script id="figures" type="application/json">{data}</script>
-<script>{js}</script>
-</body>
-</html>
-"""
+    return document(record.title, f"{about} Tracked with sigmax {sigmax.__version__}.", sections, figures)
 
 
 def _duration(record: Record) -> str:
@@ -117,17 +92,9 @@ def _table(scores: Sequence[Score]) -> str:
                 f'<span class="{_CLASS.get(graded, "bad")}">{graded.value}</span>',
             ]
         )
-    body = "".join(f"<tr>{_cells(heads, row)}</tr>" for row in rows)
-    head = "".join(f"<th>{h}</th>" for h in heads)
     rules = "".join(f"<p>{escape(rule)}</p>" for rule in RULES)
-    return (
-        f"<section><h2>Filters</h2><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-        f'<details class="quiet"><summary>How to read this</summary>{rules}</details></section>'
-    )
-
-
-def _cells(heads: Sequence[str], row: Sequence[str]) -> str:
-    return "".join(f'<td data-label="{head}">{cell}</td>' for head, cell in zip(heads, row, strict=True))
+    reading = f'<details class="quiet"><summary>How to read this</summary>{rules}</details>'
+    return section("Filters", "", table(heads, rows) + reading)
 
 
 def _seconds(score: Score) -> str:
@@ -142,10 +109,11 @@ def _seconds(score: Score) -> str:
 def _path(record: Record, advised: Score) -> str:
     third = " Seen from above." if len(record.position) > 2 else ""
     many = " Long paths are drawn at evenly spaced steps." if record.steps.max() > limit(1) else ""
-    return (
-        f'<section><h2>Path</h2><p class="quiet">Ellipses hold two standard deviations of {escape(advised.label)} at '
-        f"some of its steps.{third}{many} Touch a name to show or hide it; drag to zoom, double click to return.</p>"
-        '<div id="path" class="plot"></div></section>'
+    return section(
+        "Path",
+        f"Ellipses hold two standard deviations of {escape(advised.label)} at some of its steps.{third}{many} "
+        "Touch a name to show or hide it; drag to zoom, double click to return.",
+        place("path", "path"),
     )
 
 
@@ -155,13 +123,10 @@ def _components(record: Record, ran: Sequence[Shown], advised: int, figures: dic
     for index, _, outcome in ran:
         for track in range(tracks):
             figures[f"components/{index}/{track}"] = component_figure(record, outcome, track, index, points)
-    options = "".join(
-        f'<option value="{i}"{" selected" if i == advised else ""}>{escape(label)}</option>' for i, label, _ in ran
+    chosen = choices(
+        ("filter", "filter", [(str(i), label) for i, label, _ in ran], str(advised)),
+        ("track", "track", [(str(k), record.tracks[k]) for k in range(tracks)], "0"),
     )
-    choose = f'<label>filter <select id="choose-filter">{options}</select></label>'
-    if tracks > 1:
-        by_track = "".join(f'<option value="{k}">{escape(record.tracks[k])}</option>' for k in range(tracks))
-        choose += f'<label>track <select id="choose-track">{by_track}</select></label>'
     more = (
         f" The first {tracks} of {len(record.tracks)} tracks are here, all of them in estimates.parquet."
         if tracks < len(record.tracks)
@@ -180,18 +145,20 @@ def _components(record: Record, ran: Sequence[Shown], advised: int, figures: dic
         if known.any()
         else "Each component"
     )
-    return (
-        f'<section><h2>Components</h2><p class="quiet">{what} with the ±2σ the filter claims.{more}{thinned}</p>'
-        f'<div class="choose">{choose}</div><div id="components" class="plot"></div></section>'
+    return section(
+        "Components",
+        f"{what} with the ±2σ the filter claims.{more}{thinned}",
+        chosen + place("components", "components/{filter}/{track}"),
     )
 
 
 def _nis(window: int, tracks: int) -> str:
     pooled = " of all tracks together" if tracks > 1 else ""
-    return (
-        f'<section><h2>Can the covariance be believed?</h2><p class="quiet">NIS divided by the number of measured '
-        f"components, averaged over the last {window} times with a measurement{pooled}. An honest filter stays "
-        f'about 1, mostly within the grey band (95 %).</p><div id="nis" class="plot"></div></section>'
+    return section(
+        "Can the covariance be believed?",
+        f"NIS divided by the number of measured components, averaged over the last {window} times with a "
+        f"measurement{pooled}. An honest filter stays about 1, mostly within the grey band (95 %).",
+        place("nis", "nis"),
     )
 
 

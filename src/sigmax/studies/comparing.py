@@ -1,88 +1,24 @@
 """Many runs of a study with all its filters, and what they say."""
 
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import joblib
-import numpy as np
 
-import sigmax
-from sigmax.errors import InputError
 from sigmax.filters import Filter, get
-from sigmax.models import Gaussian
-from sigmax.native.fingerprint import fingerprint
-from sigmax.running.backend import BACKENDS
-from sigmax.running.run import run
+from sigmax.studies.beforehand import check, chosen_filters, settings_of, yardsticks
 from sigmax.studies.bound import absent, bound
+from sigmax.studies.comparison import Comparison, Optimum
 from sigmax.studies.cost import Cost, costs
-from sigmax.studies.measures import Measures, measures
+from sigmax.studies.measures import measures
 from sigmax.studies.progress import FILE, NOTHING, Totals, add, restore, store
-from sigmax.studies.simulate import draw, sizes
+from sigmax.studies.simulate import draw
 from sigmax.studies.study import Study
-from sigmax.studies.sums import Sums, Yardsticks
 from sigmax.studies.work import CHECK, OPTIMUM, Done, Work, block, estimate
 
-# Deviations of a prediction without any measurement beyond which a run counts as diverged.
-_BEYOND = 4.0
 _STORED_EVERY = 5.0  # seconds
 Report = Callable[[str, int, int], None]
-
-
-class Optimum(NamedTuple):
-    """The optimum by particles over the runs in which it was computed.
-
-    Attributes:
-        particles: N.
-        measures: of the optimum.
-        check: of the same with 2N particles.
-        filters: of the filters over the same runs.
-    """
-
-    particles: int
-    measures: Measures
-    check: Measures
-    filters: dict[str, Measures]
-
-
-class Comparison(NamedTuple):
-    """What a study says.
-
-    Attributes:
-        study: the study.
-        seed: of all its draws.
-        runs: how many were made.
-        filters: by name, those that could not be run included.
-        escaped: runs of which the truth escaped; the measures are of the others.
-        measures: by filter.
-        failures: why a filter could not be run, by filter.
-        sums: by filter, for the histograms.
-        by: what errors were held against.
-        costs: by filter.
-        optimum: the optimum, or None.
-        bound: the least RMSE (T, n) by the posterior Cramér–Rao bound, or None.
-        no_bound: why there is none.
-        prepared: seconds that the first run took longer than the others, by filter: tracing and compiling.
-        seconds: how long it all took.
-    """
-
-    study: Study
-    seed: int
-    runs: int
-    filters: dict[str, Filter]
-    escaped: int
-    measures: dict[str, Measures]
-    failures: dict[str, str]
-    sums: dict[str, Sums]
-    by: Yardsticks
-    costs: dict[str, Cost]
-    optimum: Optimum | None
-    bound: np.ndarray | None
-    no_bound: str
-    prepared: dict[str, float]
-    seconds: float
 
 
 def compare(
@@ -122,15 +58,15 @@ def compare(
             `Comparison.failures`, and the lost runs of its measures.
     """
     begun = time.perf_counter()
-    chosen = _chosen(study, filters)
+    chosen = chosen_filters(study, filters)
     count = study.runs if runs is None else runs
     N = study.particles if particles is None else particles
-    _check(study, count, N, workers, chunk, backend)
+    check(study, count, N, workers, chunk, backend)
     size = study.block
-    by = _yardsticks(study, backend)
+    by = yardsticks(study, backend)
     no_bound = absent(study)
     work = Work(study, chosen, by, seed, not no_bound, backend)
-    settings = _settings(study, chosen, seed, N, backend)
+    settings = settings_of(study, chosen, seed, N, backend)
     path = None if folder is None or settings is None else Path(folder) / FILE
     totals = NOTHING if path is None else restore(path, settings or {})
     whole, rest = divmod(count, size)
@@ -194,70 +130,6 @@ def _dealt(work: Work, group: Sequence[tuple[int, int, int]], jobs: int, chunk: 
 
 def _blocks(work: Work, group: Sequence[tuple[int, int, int]]) -> list[Done]:
     return [block(work, *one) for one in group]
-
-
-def _chosen(study: Study, filters: Mapping[str, Filter] | Sequence[str] | None) -> dict[str, Filter]:
-    """Filters by name; a name that the study knows means the filter as the study sets it."""
-    if filters is None:
-        chosen = dict(study.filters)
-    elif isinstance(filters, Mapping):
-        chosen = dict(filters)
-    else:
-        known = {name.casefold(): (name, f) for name, f in study.filters.items()}
-        chosen = {}
-        for name in filters:
-            found, f = known.get(name.casefold(), (None, None))
-            made = get(name) if f is None else f
-            chosen[found or made.name] = made
-    if not chosen:
-        raise InputError(f"{study.name} names no filters; say which, for example filters=['EKF', 'SRCKFB']")
-    for name in chosen:
-        if name.startswith(OPTIMUM):
-            raise InputError(f"a filter cannot be called {name!r}")
-    return chosen
-
-
-def _check(study: Study, count: int, N: int, workers: int | None, chunk: int, backend: str | None) -> None:
-    for what, value, least in (("runs", count, 2), ("particles", N, 0), ("chunk", chunk, 1), ("workers", workers, 1)):
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
-            raise InputError(f"{what} must be a whole number of at least {least}; it is {value!r}")
-    if N and not study.fair:
-        raise InputError(
-            f"{study.name}: an optimum needs truth that is drawn from the filters' model and prior; "
-            "this study draws it otherwise, so no filter is optimal: give particles=0"
-        )
-    if backend is not None and backend not in BACKENDS:
-        raise InputError(f"unknown backend {backend!r}; known: {', '.join(BACKENDS)}")
-
-
-def _yardsticks(study: Study, backend: str | None) -> Yardsticks:
-    """Errors are held against what a prediction would know that never sees a measurement."""
-    T = study.steps
-    z = {s: np.full((T, m), np.nan) for s, m in sizes(study).items()}
-    blind = run(
-        "SRCKFB",
-        study.model,
-        Gaussian(study.prior.mean, study.prior.cov),
-        z if study.model.several else z[""],
-        dt=study.dt,
-        inputs=study.inputs,
-        keep=("factor",),
-        backend=backend,
-    ).std
-    look = np.array(study.looked) - 1
-    smallest = np.where(blind.max(0) > 0, blind.max(0), 1.0)
-    scale = np.where(blind[look] > 0, blind[look], smallest)
-    limit = _BEYOND * scale[-1] if study.limit is None else np.asarray(study.limit, float)
-    return Yardsticks(look, limit, scale, np.array(study.model.angular))
-
-
-def _settings(study: Study, filters: Mapping[str, Filter], seed: int, N: int, backend: str | None) -> Any:
-    """What the sums depend on; None where that cannot be told, so that they must not be used again."""
-    about = {k: v for k, v in vars(study).items() if k not in ("runs", "title", "about", "units", "filters")}
-    name = fingerprint("study", about, dict(filters), os.environ.get("SIGMAX_BACKEND"))
-    if name is None:
-        return None
-    return {"sigmax": sigmax.__version__, "fingerprint": name, "seed": seed, "particles": N, "backend": backend}
 
 
 def _tried(work: Work, report: Report) -> tuple[dict[str, str], dict[str, float]]:

@@ -1,0 +1,78 @@
+"""A page with figures: everything in one file that opens without a network."""
+
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.resources import files
+
+from plotly.offline import get_plotlyjs
+
+from sigmax.reports.figures.draw import Figure
+
+
+def document(title: str, about: str, sections: Sequence[str], figures: Mapping[str, Figure]) -> str:
+    """A page of sections in HTML; places made by `place` are filled with the figures of their names."""
+    data = json.dumps(figures, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    here = files("sigmax.reports")
+    css, js = (here.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,">
+<title>{escape(title)} – sigmax</title>
+<style>{css}</style>
+</head>
+<body>
+<main>
+<h1>{escape(title)}</h1>
+<p class="quiet">{escape(about)}</p>
+{"".join(sections)}
+</main>
+<script>{get_plotlyjs()}</script>
+<script id="figures" type="application/json">{data}</script>
+<script>{js}</script>
+</body>
+</html>
+"""
+
+
+def section(heading: str, about: str, body: str) -> str:
+    """A section with a heading and a quiet sentence on how to read it."""
+    said = f'<p class="quiet">{about}</p>' if about else ""
+    return f"<section><h2>{heading}</h2>{said}{body}</section>"
+
+
+def place(name: str, figure: str) -> str:
+    """Where a figure is drawn; {choice} in the name of the figure is replaced by what was chosen."""
+    return f'<div id="{name}" class="plot" data-figure="{figure}"></div>'
+
+
+def choices(*chosen: tuple[str, str, Sequence[tuple[str, str]], str]) -> str:
+    """Choices for the figures of a section.
+
+    Args:
+        *chosen: the name of a choice in the names of figures, its label, (value, text) of each option, and the
+            value chosen at first. A choice of one is made without asking.
+    """
+    parts = []
+    for name, label, options, first in chosen:
+        shown = "".join(
+            f'<option value="{escape(value)}"{" selected" if value == first else ""}>{escape(text)}</option>'
+            for value, text in options
+        )
+        hidden = " hidden" if len(options) < 2 else ""
+        parts.append(f'<label{hidden}>{escape(label)} <select data-choice="{escape(name)}">{shown}</select></label>')
+    return f'<div class="choose">{"".join(parts)}</div>'
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of cells in HTML, one that becomes a list on a narrow screen."""
+
+    def cells(row: Sequence[str]) -> str:
+        return "".join(f'<td data-label="{head}">{cell}</td>' for head, cell in zip(heads, row, strict=True))
+
+    head = "".join(f"<th>{h}</th>" for h in heads)
+    body = "".join(f"<tr>{cells(row)}</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

@@ -1,0 +1,65 @@
+"""What a study says."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sigmax.filters import Filter
+from sigmax.studies.cost import Cost
+from sigmax.studies.measures import Measures
+from sigmax.studies.study import Study
+from sigmax.studies.sums import Sums, Yardsticks
+
+
+class Optimum(NamedTuple):
+    """The optimum by particles over the runs in which it was computed.
+
+    Attributes:
+        particles: N.
+        measures: of the optimum.
+        check: of the same with 2N particles.
+        filters: of the filters over the same runs.
+    """
+
+    particles: int
+    measures: Measures
+    check: Measures
+    filters: dict[str, Measures]
+
+
+class Comparison(NamedTuple):
+    """What a study says.
+
+    Attributes:
+        study: the study.
+        seed: of all its draws.
+        runs: how many were made.
+        filters: by name, those that could not be run included.
+        escaped: runs of which the truth escaped; the measures are of the others.
+        measures: by filter.
+        failures: why a filter could not be run, by filter.
+        sums: by filter, for the histograms.
+        by: what errors were held against.
+        costs: by filter.
+        optimum: the optimum, or None.
+        bound: the least RMSE (T, n) by the posterior Cramér–Rao bound, or None.
+        no_bound: why there is none.
+        prepared: seconds that the first run took longer than the others, by filter: tracing and compiling.
+        seconds: how long it all took.
+    """
+
+    study: Study
+    seed: int
+    runs: int
+    filters: dict[str, Filter]
+    escaped: int
+    measures: dict[str, Measures]
+    failures: dict[str, str]
+    sums: dict[str, Sums]
+    by: Yardsticks
+    costs: dict[str, Cost]
+    optimum: Optimum | None
+    bound: np.ndarray | None
+    no_bound: str
+    prepared: dict[str, float]
+    seconds: float
