@@ -84,6 +84,79 @@ def records_command() -> None:
     print_records()
 
 
+@app.command("compare")
+def compare_command(
+    study: Annotated[
+        str,
+        typer.Argument(
+            help="A named study (see: sigmax studies), a built-in model, a TOML description, or file.py:function.",
+            show_default=False,
+        ),
+    ],
+    filter: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--filter",
+            "-f",
+            "--filters",
+            help="NAME or NAME:parameter=value,…; several with blanks, or repeated. Without it: those of the study.",
+            show_default=False,
+        ),
+    ] = None,
+    runs: Annotated[
+        int | None,
+        typer.Option("--runs", "-n", help="Without it as the study says.", show_default=False),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Fixes all draws.")] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for the results; a stopped study goes on there. Without it: runs/STUDY.",
+            show_default=False,
+        ),
+    ] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="option=value of a named study; may be repeated.", show_default=False),
+    ] = None,
+    particles: Annotated[
+        int | None, typer.Option(help="Of the optimum, 0 for none; without it as the study says.", show_default=False)
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Without it one for each core.", show_default=False)] = None,
+    chunk: Annotated[int, typer.Option(help="Blocks of runs that a worker is given at a time.")] = 1,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="A backend of joblib: loky, dask, ray. Without it threads.", show_default=False),
+    ] = None,
+) -> None:
+    """Compare filters over many runs of a study: errors, honesty, lost runs, cost, distance to the optimum.
+
+    Leaves report.html, summary.json, measures.parquet and figures in the folder.
+
+    Example: sigmax compare single-beacon --filter EKF --filter PF --runs 500 --out runs/beacon
+    """
+    from sigmax.cli.compare import compare_study
+
+    try:
+        compare_study(study, filter or [], runs, seed, out, set_ or [], particles, workers, chunk, cluster)
+    except KeyboardInterrupt:
+        print("sigmax: interrupted; the same command goes on where this one stopped", file=sys.stderr)
+        raise typer.Exit(130) from None
+
+
+@app.command("studies")
+def studies_command() -> None:
+    """List the named studies.
+
+    Example: sigmax studies
+    """
+    from sigmax.cli.compare import print_studies
+
+    print_studies()
+
+
 export = typer.Typer(help="Write a filter out as source code.", no_args_is_help=True, rich_markup_mode=None)
 app.add_typer(export, name="export")
 

@@ -101,11 +101,12 @@ def verdict(scores: Sequence[Score]) -> tuple[str, list[str]]:
         headline = f"Take {chosen.label}: {merit}{smallest} of the {len(believed)} whose covariance can be believed."
     equal = [s.label for s in believed if s is not chosen and _as_good(s, chosen)]
     if equal:
-        headline += f" {_listed(equal)} {'is' if len(equal) == 1 else 'are'} equally good."
+        headline += f" {listed(equal)} {'is' if len(equal) == 1 else 'are'} equally good."
     return headline, [_sentence(chosen), *sentences]
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Names as a sentence has them."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 

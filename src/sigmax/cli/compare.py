@@ -1,0 +1,165 @@
+"""`sigmax compare` and `sigmax studies`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import joblib
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from sigmax.errors import InputError
+from sigmax.reports.comparison import Standing, files, standings, verdict, write
+from sigmax.reports.folder import check_folder
+from sigmax.reports.verdict import significant
+from sigmax.studies import Comparison, compare, load_studies
+from sigmax.studies.load import parsed_filters
+from sigmax.studies.named import NAMED
+from sigmax.studies.progress import FILE
+
+
+def compare_study(
+    name: str,
+    filters: Sequence[str],
+    runs: int | None,
+    seed: int,
+    out: Path | None,
+    options: Sequence[str],
+    particles: int | None,
+    workers: int | None,
+    chunk: int,
+    cluster: str | None,
+) -> None:
+    """Load the study, run it, write the folder, print what it says.
+
+    Raises:
+        InputError: before anything runs, for whatever does not fit.
+        SystemExit: with status 1 where no filter could be run.
+    """
+    console, errors = Console(), Console(stderr=True)
+    with errors.status("reading the study"):
+        studies = load_studies(name, _options(options))
+        asked = [name for text in filters for name in text.split()]
+        chosen = [parsed_filters(asked, study) if asked else dict(study.filters) for study in studies]
+    folder = out if out is not None else Path("runs") / (studies[0].name if len(studies) == 1 else name)
+    names = [study.name for study in studies]
+    check_folder(folder, files(names), FILE if len(studies) == 1 else "summary.json")
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    done: list[Comparison] = []
+    with Progress(*columns, console=errors, transient=True) as progress, _on(cluster, workers):
+        task = progress.add_task("", total=None)
+        for study, these in zip(studies, chosen, strict=True):
+
+            def report(what: str, made: int, of: int, title: str = study.name) -> None:
+                progress.update(task, description=escape(f"{title}: {what}"), completed=made, total=of)
+
+            done.append(
+                compare(
+                    study,
+                    these,
+                    runs=runs,
+                    seed=seed,
+                    particles=particles,
+                    workers=workers,
+                    chunk=chunk,
+                    folder=folder if len(studies) == 1 else folder / study.name,
+                    report=report,
+                )
+            )
+        progress.update(task, description="writing the report", completed=0, total=None)
+        write(folder, done)
+    for c in done:
+        _print(console, c)
+    console.print(f"\nReport: {escape(str(folder / 'report.html'))}", highlight=False, soft_wrap=True)
+    if not any(c.measures for c in done):
+        raise SystemExit(1)
+
+
+def _on(cluster: str | None, workers: int | None) -> joblib.parallel_config:
+    """What joblib is told of the workers."""
+    if cluster is None:
+        return joblib.parallel_config(n_jobs=workers or -1)
+    try:
+        if cluster == "ray":
+            from ray.util.joblib import register_ray
+
+            register_ray()
+        if cluster == "dask":
+            from distributed import Client
+
+            # Without an address a cluster of this machine; with one in the environment, that one.
+            Client()
+        return joblib.parallel_config(backend=cluster, n_jobs=workers or -1)
+    except ImportError as error:
+        raise InputError(f"--cluster {cluster} needs a package that is not installed: {error}") from error
+    except ValueError as error:
+        raise InputError(f"--cluster {cluster}: {error}") from error
+
+
+def _options(texts: Sequence[str]) -> dict[str, str]:
+    found = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip() or not value.strip():
+            raise InputError(f"--set {text!r} should be option=value, as in --set p0=literal")
+        found[key.strip()] = value.strip()
+    return found
+
+
+def _print(console: Console, c: Comparison) -> None:
+    found = standings(c)
+    to = "optimum" if c.optimum is not None else "best"
+    table = Table(
+        box=None,
+        pad_edge=False,
+        collapse_padding=True,
+        header_style="bold",
+        title=escape(f"{c.study.title or c.study.name}, {c.runs:,} runs"),
+        title_justify="left",
+        title_style="bold",
+    )
+    table.add_column("filter", overflow="fold")
+    for head in (f"error/{to}", "cost/EKF", "lost", "overclaims"):
+        table.add_column(head, justify="right", no_wrap=True)
+    table.add_column("verdict")
+    for s in found:
+        table.add_row(escape(s.name), *_cells(s))
+    console.print(table)
+    headline, sentences = verdict(c)
+    console.print(f"\n[bold]{escape(headline)}[/bold]", highlight=False)
+    for sentence in sentences:
+        console.print(escape(sentence), highlight=False)
+
+
+def _cells(s: Standing) -> list[str]:
+    if s.failure:
+        return ["–", "–", "–", "–", "[red]could not be run[/]"]
+    word = "[green]sound[/]" if s.sound else f"[red]{' and '.join(_faults(s))}[/]"
+    return [
+        "–" if s.distance is None else significant(s.distance, 4),
+        "–" if s.cost is None else significant(s.cost),
+        f"{100 * s.lost:.2g} %",
+        f"{s.often:.0%}",
+        word,
+    ]
+
+
+def _faults(s: Standing) -> list[str]:
+    return [*(["lossy"] if s.lossy else []), *(["overconfident"] if s.overconfident else [])]
+
+
+def print_studies() -> None:
+    """The named studies as a table."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("name", no_wrap=True)
+    table.add_column("what it is")
+    for name, study in NAMED.items():
+        table.add_row(name, study.about)
+    Console().print(table)

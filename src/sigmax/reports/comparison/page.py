@@ -1,0 +1,203 @@
+"""The page of a study: the verdict first, then what it stands on."""
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+import sigmax
+from sigmax.reports.comparison.figures import (
+    CURVES,
+    consistency_figures,
+    curve_figures,
+    histogram_figures,
+    label,
+    shade,
+    trade_figure,
+)
+from sigmax.reports.comparison.standing import RULES, Standing, standings, verdict
+from sigmax.reports.document import choices, document, place, section, table
+from sigmax.reports.figures.draw import Figure
+from sigmax.reports.folder import versions
+from sigmax.reports.verdict import significant
+from sigmax.studies import Comparison, Measures
+from sigmax.studies.sums import LOST
+
+
+def page(comparisons: Sequence[Comparison]) -> str:
+    """The report of one or several studies as HTML."""
+    figures: dict[str, Figure] = {}
+    sections = []
+    for k, c in enumerate(comparisons):
+        mark = f"{k}/" if len(comparisons) > 1 else ""
+        if len(comparisons) > 1:
+            sections.append(f"<h1>{escape(c.study.title)}</h1>")
+        parts, drawn = _one(c, mark)
+        sections += parts
+        figures |= {mark + name: figure for name, figure in drawn.items()}
+    first = comparisons[0]
+    title = first.study.title if len(comparisons) == 1 else f"{len(comparisons)} studies"
+    about = f"{', '.join(c.study.name for c in comparisons)}: {first.runs:,} runs, seed {first.seed}."
+    return document(title or first.study.name, f"{about} Compared with sigmax {sigmax.__version__}.", sections, figures)
+
+
+def _one(c: Comparison, mark: str) -> tuple[list[str], dict[str, Figure]]:
+    found = standings(c)
+    sections = [_verdict(c, found), _table(c, found)]
+    figures: dict[str, Figure] = {}
+    if c.measures:
+        figures = {"trade": trade_figure(c, found), **curve_figures(c), **consistency_figures(c)}
+        figures |= histogram_figures(c)
+        sections += [_trade(c, mark), _curves(c, mark), _consistency(c, mark), _histograms(c, mark)]
+        sections += [_lost(c), _cost(c)]
+    sections.append(_settings(c))
+    return sections, figures
+
+
+def _verdict(c: Comparison, found: Sequence[Standing]) -> str:
+    headline, sentences = verdict(c)
+    items = "".join(f"<li>{escape(s)}</li>" for s in sentences)
+    kind = "verdict" if any(s.sound for s in found) else "verdict none"
+    return f'<section class="{kind}"><p class="lead">{escape(headline)}</p><ul>{items}</ul></section>'
+
+
+def _named(c: Comparison, name: str) -> str:
+    return f'<span><span class="dot" style="background:{shade(c, name)}"></span>{escape(name)}</span>'
+
+
+def _table(c: Comparison, found: Sequence[Standing]) -> str:
+    to = "optimum" if c.optimum is not None else "best"
+    heads = ["filter", f"error / {to}", "cost / EKF", "lost", "overclaims", "verdict"]
+    rows = []
+    for s in found:
+        if s.failure:
+            rows.append([_named(c, s.name), *["–"] * 4, '<span class="bad">could not be run</span>'])
+            continue
+        word = (
+            "sound"
+            if s.sound
+            else " and ".join([*(["lossy"] if s.lossy else []), *(["overconfident"] if s.overconfident else [])])
+        )
+        worst = (
+            f'<span>{s.often:.0%}<span class="small">of the time: {escape(s.where)}</span></span>' if s.often else "0 %"
+        )
+        rows.append(
+            [
+                _named(c, s.name),
+                "–" if s.distance is None else significant(s.distance, 4),
+                "–" if s.cost is None else significant(s.cost),
+                f"{100 * s.lost:.2g} %",
+                worst,
+                f'<span class="{"good" if s.sound else "bad"}">{word}</span>',
+            ]
+        )
+    rules = "".join(f"<p>{escape(rule)}</p>" for rule in RULES)
+    reading = f'<details class="quiet"><summary>How to read this</summary>{rules}</details>'
+    return section("Filters", "", table(heads, rows) + reading)
+
+
+def _trade(c: Comparison, mark: str) -> str:
+    return section(
+        "Cost against accuracy",
+        "Down and to the left is better. A cross marks a filter that cannot be believed.",
+        place(f"{mark}trade", f"{mark}trade"),
+    )
+
+
+def _components(c: Comparison) -> list[tuple[str, str]]:
+    return [(str(i), label(c, i)) for i in range(c.study.model.size)]
+
+
+def _curves(c: Comparison, mark: str) -> str:
+    asked = choices(
+        ("measure", "show", list(CURVES.items()), "rmse"),
+        ("component", "of", _components(c), "0"),
+    )
+    said = "Over all runs, the lost ones too; touch a point for its Monte Carlo error."
+    if c.no_bound:
+        said += f" There is no Cramér–Rao bound: {escape(c.no_bound)}."
+    return section("Errors over time", said, asked + place(f"{mark}curves", f"{mark}curves/{{measure}}/{{component}}"))
+
+
+def _consistency(c: Comparison, mark: str) -> str:
+    asked = choices(("which", "show", [("nees", "NEES"), ("nis", "NIS")], "nees"))
+    return section(
+        "Can the covariance be believed?",
+        "Errors (NEES) and innovations (NIS) in units of what the filter claims. An honest filter stays about 1, "
+        "mostly within the grey band (95 %); above it claims too much, below it too little.",
+        asked + place(f"{mark}consistency", f"{mark}consistency/{{which}}"),
+    )
+
+
+def _histograms(c: Comparison, mark: str) -> str:
+    names = list(c.sums)
+    times = [(str(t), f"{significant(float(c.study.time[step]))} s") for t, step in enumerate(c.by.look)]
+    asked = choices(
+        ("filter", "filter", [(str(k), name) for k, name in enumerate(names)], "0"),
+        ("component", "component", _components(c), "0"),
+        ("time", "at", times, times[0][0]),
+    )
+    return section(
+        "Errors and what is claimed",
+        "How the errors are distributed over the runs, and the Gaussian of the mean covariance that the filter claims.",
+        asked + place(f"{mark}histogram", f"{mark}histogram/{{filter}}/{{component}}/{{time}}"),
+    )
+
+
+def _lost(c: Comparison) -> str:
+    def share(m: Measures, reason: str) -> str:
+        figure = m.lost[reason]
+        return f"{100 * figure.value:.2g} ± {100 * figure.error:.1g} %" if figure.value > 0 else "0"
+
+    rows = [[_named(c, name), *(share(m, reason) for reason in (*LOST, "all"))] for name, m in c.measures.items()]
+    limits = ", ".join(
+        f"{name} {significant(float(limit))}" for name, limit in zip(c.study.model.state, c.by.limit, strict=True)
+    )
+    escaped = f" The truth of {c.escaped} runs escaped; they are left out." if c.escaped else ""
+    return section(
+        "Lost runs",
+        f"Failed: a step had no valid covariance. Mirrored: ended nearer to the mirror image of the truth. "
+        f"Diverged: ended farther off than {escape(limits)} (SI).{escaped}",
+        table(["filter", *LOST, "all"], rows),
+    )
+
+
+def _cost(c: Comparison) -> str:
+    rows = []
+    for name, cost in c.costs.items():
+        calls = " + ".join("–" if n is None else str(n) for n in cost.evaluations)
+        rows.append(
+            [
+                _named(c, name),
+                *(significant(float(v)) for v in cost.relative),
+                f"{1e6 * (cost.predict + cost.update):.3f} µs",
+                calls,
+                f"{c.prepared.get(name, 0.0):.2f} s",
+            ]
+        )
+    return section(
+        "Cost",
+        "Time of prediction, correction and both, divided by the EKF's, all filters taking turns; a step of one track "
+        "in a large batch; evaluations of motion + sensor in a step (derivatives in a direction count as one).",
+        table(["filter", "predict", "update", "total", "a step", "evaluations", "compiled in"], rows),
+    )
+
+
+def _settings(c: Comparison) -> str:
+    study = c.study
+    deviation = ", ".join(significant(float(v)) for v in np.sqrt(np.diag(study.prior.cov)))
+    rows = [
+        ("steps", f"{study.steps}, {significant(float(study.elapsed.mean()))} s apart on average"),
+        ("detection", ", ".join(f"{s or 'sensor'} {p:g}" for s, p in study.detections.items())),
+        ("prior", f"{', '.join(significant(float(v), 6) for v in study.prior.mean)}; σ {deviation} (SI, radians)"),
+    ]
+    rows += [(name, str(_parts(c, name))) for name in c.filters]
+    rows += [("versions", ", ".join(f"{k} {v}" for k, v in versions().items())), ("took", f"{c.seconds:.1f} s")]
+    listed = "".join(f"<dt>{escape(str(k))}</dt><dd>{escape(v)}</dd>" for k, v in rows)
+    about = " ".join(escape(text) for text in study.about)
+    return section("Settings", about, f"<dl>{listed}</dl>")
+
+
+def _parts(c: Comparison, name: str) -> str:
+    f = c.filters[name]
+    return f"prediction {f.predict}, correction {f.correct}, form {f.form.name}"

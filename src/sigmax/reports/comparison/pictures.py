@@ -1,0 +1,114 @@
+"""The figures of a study as PNG and SVG, for papers and slides."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from sigmax.reports.comparison.figures import label, shade, shown_unit
+from sigmax.reports.comparison.standing import Standing
+from sigmax.studies import Comparison
+from sigmax.studies.measures import histogram
+
+_STYLES = ("-", "--", ":", "-.")
+
+
+def pictures(folder: Path, c: Comparison, found: Sequence[Standing]) -> None:
+    """Write rmse, consistency, histograms and trade into a folder, each as PNG and SVG."""
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn: dict[str, Callable[[], Any]] = {
+        "rmse": lambda: _rmse(c),
+        "consistency": lambda: _consistency(c),
+        "histograms": lambda: _histograms(c),
+        "trade": lambda: _trade(c, found),
+    }
+    with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "sigmax"}):
+        for name, draw in drawn.items():
+            figure = draw()
+            figure.savefig(folder / f"{name}.png", dpi=130)
+            figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+            plt.close(figure)
+
+
+def _style(c: Comparison, name: str) -> dict[str, Any]:
+    return {"color": shade(c, name), "linestyle": _STYLES[list(c.filters).index(name) // 8 % 4], "linewidth": 1.2}
+
+
+def _rmse(c: Comparison) -> Any:
+    n = c.study.model.size
+    figure, axes = plt.subplots(n, 1, figsize=(8, 1.2 + 2.0 * n), sharex=True, squeeze=False, layout="constrained")
+    for i, ax in enumerate(axes[:, 0]):
+        factor, _ = shown_unit(c, i)
+        for name, m in c.measures.items():
+            ax.plot(c.study.time, factor * m.rmse.value[:, i], label=name, **_style(c, name))
+        if c.optimum is not None:
+            ax.plot(c.study.time, factor * c.optimum.check.rmse.value[:, i], "k", linewidth=2, label="optimum")
+        if c.bound is not None:
+            ax.plot(c.study.time, factor * c.bound[:, i], color="0.6", linestyle=":", linewidth=2, label="bound")
+        ax.set_yscale("log")
+        ax.set_ylabel(label(c, i))
+    axes[-1, 0].set_xlabel("time [s]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5, fontsize=8)
+    return figure
+
+
+def _consistency(c: Comparison) -> Any:
+    figure, axes = plt.subplots(2, 1, figsize=(8, 6), sharex=True, layout="constrained")
+    for ax, which in zip(axes, ("nees", "nis"), strict=True):
+        for name, m in c.measures.items():
+            told = getattr(m, which)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                ax.plot(c.study.time, told.value / told.expected, label=name, **_style(c, name))
+        ax.axhline(1.0, color="0.4", linewidth=0.8)
+        ax.set_yscale("log")
+        ax.set_ylabel(f"{which.upper()} / expected")
+    axes[-1].set_xlabel("time [s]")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5, fontsize=8)
+    return figure
+
+
+def _histograms(c: Comparison) -> Any:
+    """The first component that filters differ most in, at the times looked at, for each filter a row."""
+    names, L = list(c.measures), len(c.by.look)
+    worst = np.array([np.nan_to_num(m.ratio.value[c.by.look], posinf=1e9).max(0) for m in c.measures.values()])
+    i = int(worst.max(0).argmax())
+    factor, _ = shown_unit(c, i)
+    size = (2.2 * L, 0.8 + 1.3 * len(names))
+    figure, axes = plt.subplots(len(names), L, figsize=size, squeeze=False, layout="constrained")
+    for row, name in zip(axes, names, strict=True):
+        for t, (ax, step) in enumerate(zip(row, c.by.look, strict=True)):
+            m = c.measures[name]
+            claimed = float(np.sqrt(m.claimed[step, i, i]))
+            reach = 4 * max(claimed, 2 * float(m.median.value[t, i]))
+            if not (np.isfinite(reach) and reach > 0):
+                continue
+            density, edges = histogram(c.sums[name].bins[t, i], float(c.by.scale[t, i]), reach)
+            ax.stairs(density / factor, factor * edges, fill=True, color=shade(c, name), alpha=0.5)
+            x = np.linspace(-reach, reach, 200)
+            if claimed > 0:
+                bell = np.exp(-0.5 * (x / claimed) ** 2) / (claimed * np.sqrt(2 * np.pi))
+                ax.plot(factor * x, bell / factor, "k", linewidth=0.9)
+            ax.set_yticks([])
+            ax.tick_params(labelsize=7)
+            if row is axes[0]:
+                ax.set_title(f"{c.study.time[step]:g} s", fontsize=9)
+        row[0].set_ylabel(name, fontsize=8)
+    figure.supxlabel(f"error of {label(c, i)}")
+    return figure
+
+
+def _trade(c: Comparison, found: Sequence[Standing]) -> Any:
+    figure, ax = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    for s in found:
+        if s.distance is not None and s.cost is not None and np.isfinite(s.distance):
+            ax.plot(s.cost, s.distance, "o" if s.sound else "x", color=shade(c, s.name), markersize=8)
+            ax.annotate(s.name, (s.cost, s.distance), xytext=(6, 4), textcoords="offset points", fontsize=8)
+    ax.set_yscale("log")
+    ax.set_xlabel("cost of a step / EKF")
+    ax.set_ylabel("error / error of " + ("the optimum" if c.optimum is not None else "the best"))
+    return figure
