@@ -14,6 +14,7 @@ from sigmax.studies.sums import Estimated, wrapped
 _MEMBER, _ROOM = "SRCKFB", 12_000_000
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def bank(study: Study, drawn: Drawn, members: int, seed: tuple[int, ...], backend: str | None = None) -> Estimated:
     """Mean and covariance of a mixture of filters that share the prior among them.
 

@@ -79,6 +79,8 @@ def yardsticks(study: Study, backend: str | None) -> Yardsticks:
     smallest = np.where(blind.max(0) > 0, blind.max(0), 1.0)
     scale = np.where(blind[look] > 0, blind[look], smallest)
     limit = _BEYOND * scale[-1] if study.limit is None else np.asarray(study.limit, float)
+    # Of an angle more than a right angle is lost in any case.
+    limit = np.where(study.model.angular, np.minimum(limit, np.pi / 2), limit)
     return Yardsticks(look, limit, scale, np.array(study.model.angular))
 
 

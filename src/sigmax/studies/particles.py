@@ -55,6 +55,7 @@ def particles(
     return Estimated(mean, factor.reshape(cov.shape), fault, nothing, np.zeros((B, T), int))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # particles of a motion that escapes
 def _runs(
     study: Study,
     drawn: Drawn,

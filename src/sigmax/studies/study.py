@@ -47,7 +47,7 @@ class Study:
         mirror: the other state that is the same motion, x -> x, where a model has one: a run that ends
             nearer to it than to the truth is lost.
         limit: error (n,) beyond which a run counts as diverged at the end. Without it four times the deviation
-            that a prediction from the prior without any measurement would have.
+            that a prediction from the prior without any measurement would have, of an angle a right angle at most.
         reach: a run whose truth goes beyond it (n,) has escaped, as one whose truth is not finite: quadratic motions
             have a basin. Escaped runs are counted and left out.
         particles: of the optimum, or members of its bank, 0 for none; it supposes that nature is the filters' model.

@@ -176,7 +176,10 @@ def trade_figure(c: Comparison, found: Sequence[Standing]) -> Figure:
         data.append(
             {
                 "type": "scatter",
-                "mode": "markers",
+                "mode": "markers+text",
+                "text": [safe(s.name)],
+                "textposition": "top center",
+                "textfont": {"size": 10, "color": MUTED},
                 "name": safe(s.name),
                 "x": plain([s.cost]),
                 "y": plain([s.distance]),

@@ -179,7 +179,7 @@ def _avoid(s: Standing) -> str:
         reasons.append(f"it loses {100 * s.lost:.2g} ± {100 * s.lost_error:.1g} % of the runs")
     if s.overconfident:
         reasons.append(
-            f"for {s.often:.0%} of the time the real variance of {s.where} is more than {_HONEST:g} times what it claims"
+            f"for {s.often:.0%} of the time the real variance of {s.where} is over {_HONEST:g} times what it claims"
         )
     return f"Avoid {s.name}: {' and '.join(reasons)}."
 
