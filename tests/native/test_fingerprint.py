@@ -41,6 +41,25 @@ def test_the_same_function_has_the_same_fingerprint():
     assert fingerprint(sigmax.angle("x")) != fingerprint("x")
 
 
+def test_what_is_looked_at_in_passing_never_passes_for_something_else():
+    """Values made for the moment share addresses with later ones: each has to be looked at all the same."""
+
+    def of_density(density):
+        motion = sigmax.motions.constant_velocity()
+        sensor = {"a": sigmax.sensors.range_only(origin=(0.0, 0.0)), "b": sigmax.sensors.range_only(origin=(3.0, 1.0))}
+        model = sigmax.Model(motion=motion, sensor=sensor, Q=motion.noise(density), R={"a": [0.1], "b": [0.1]})
+        return fingerprint(("predict",), vars(model))
+
+    assert len({of_density(d) for d in (0.05, 0.1, 1.0, 2.0)}) == 4
+    one, other = (
+        sigmax.motions.join(sigmax.motions.unicycle(), sigmax.motions.random_walk(("a",))).noise(
+            sigmax.motions.unicycle().noise(position=p, heading=0.1), sigmax.motions.random_walk(("a",)).noise(0.0)
+        )
+        for p in (0.1, 0.2)
+    )
+    assert fingerprint(one) != fingerprint(other)
+
+
 @pytest.mark.parametrize(
     ("one", "other"),
     [

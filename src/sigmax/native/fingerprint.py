@@ -30,6 +30,9 @@ _LOOKS_ABROAD = {
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis))
 
 
+Seen = dict[int, tuple[int, Any]]  # by identity: its number, and the thing itself
+
+
 class _Opaque(Exception):
     """Something that has no fingerprint."""
 
@@ -55,14 +58,15 @@ def fingerprint(*things: Any) -> str | None:
     return digest.hexdigest()
 
 
-def _parts(thing: Any, seen: dict[int, int]) -> Iterator[bytes]:
+def _parts(thing: Any, seen: Seen) -> Iterator[bytes]:
     if isinstance(thing, _PLAIN):
         yield f"{type(thing).__qualname__} {thing!r}".encode()
         return
     if id(thing) in seen:
-        yield f"again {seen[id(thing)]}".encode()
+        yield f"again {seen[id(thing)][0]}".encode()
         return
-    seen[id(thing)] = len(seen)
+    # Kept alive: something new at the address of what is gone would pass for it, and its contents for known.
+    seen[id(thing)] = len(seen), thing
     if isinstance(thing, np.ndarray | np.generic | jax.Array):
         array = np.asarray(thing)
         if array.dtype.hasobject:
@@ -109,7 +113,7 @@ def _of_name(thing: Any) -> bytes:
     return f"name {module} {getattr(thing, '__qualname__', thing.__name__)}".encode()
 
 
-def _of_collection(thing: Any, seen: dict[int, int]) -> Iterator[bytes]:
+def _of_collection(thing: Any, seen: Seen) -> Iterator[bytes]:
     named = isinstance(thing, tuple) and type(thing) is not tuple
     if named and not _stable(type(thing).__module__):
         raise _Opaque
@@ -126,7 +130,7 @@ def _of_collection(thing: Any, seen: dict[int, int]) -> Iterator[bytes]:
             yield from _parts(item, seen)
 
 
-def _of_function(function: types.FunctionType, seen: dict[int, int]) -> Iterator[bytes]:
+def _of_function(function: types.FunctionType, seen: Seen) -> Iterator[bytes]:
     yield f"function {function.__module__} {function.__qualname__}".encode()
     yield from _parts((function.__defaults__, function.__kwdefaults__, function.__closure__), seen)
     if _stable(function.__module__):
@@ -146,7 +150,7 @@ def _of_function(function: types.FunctionType, seen: dict[int, int]) -> Iterator
         yield from _parts(function.__wrapped__, seen)
 
 
-def _of_code(code: types.CodeType, seen: dict[int, int]) -> Iterator[bytes]:
+def _of_code(code: types.CodeType, seen: Seen) -> Iterator[bytes]:
     yield code.co_code
     yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_argcount, code.co_flags)).encode()
     for constant in code.co_consts:
