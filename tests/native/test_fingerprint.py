@@ -136,3 +136,11 @@ def test_a_damaged_source_in_the_cache_is_made_again(tmp_path):
     for path in (tmp_path / "cache").rglob("*.c"):
         path.write_text(path.read_text().replace("2", "3", 1))
     assert filtered(tmp_path, backend="native") == (value, "")
+
+
+def test_functions_of_one_name_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a package whose functions are known by their names there may be two of one name."""
+    pair = [lambda x: x + 1, lambda x: x - 1]
+    for function in pair:
+        monkeypatch.setattr(function, "__module__", "sigmax.somewhere")
+    assert fingerprint(pair[0]) != fingerprint(pair[1])

@@ -105,9 +105,7 @@ def test_a_histogram_has_the_density_of_its_errors():
 
 def same(a, b):
     return all(
-        np.array_equal(x, y, equal_nan=True)
-        for name in a.sums
-        for x, y in zip(a.sums[name], b.sums[name], strict=True)
+        np.array_equal(x, y, equal_nan=True) for name in a.sums for x, y in zip(a.sums[name], b.sums[name], strict=True)
     )
 
 
@@ -149,7 +147,9 @@ def test_a_study_that_was_stopped_goes_on_with_the_same_bits(tmp_path, monkeypat
     other = sigmax.compare(scalar(prior=sigmax.Gaussian([1.0], [[0.6]])), runs=500, folder=tmp_path)
     assert other.measures["EKF"].runs == 500
     (tmp_path / "sums.npz").write_bytes(b"no")
-    assert same(sigmax.compare(study, runs=300, particles=0, folder=tmp_path), sigmax.compare(study, runs=300, particles=0))
+    assert same(
+        sigmax.compare(study, runs=300, particles=0, folder=tmp_path), sigmax.compare(study, runs=300, particles=0)
+    )
 
 
 def test_truth_and_measurements_are_drawn_as_the_study_says():
@@ -202,7 +202,7 @@ def test_the_wrong_study_is_refused_in_words():
         linear(start=[1.0])
     with pytest.raises(InputError, match="look has the step 99"):
         linear(look=(99,))
-    with pytest.raises(InputError, match="detection of the sensor is 1.5"):
+    with pytest.raises(InputError, match=r"detection of the sensor is 1\.5"):
         linear(detection=1.5)
     with pytest.raises(InputError, match="use at most 187500 steps"):
         sigmax.compare(linear(steps=10_000_000), runs=10)

@@ -133,9 +133,10 @@ def _of_collection(thing: Any, seen: Seen) -> Iterator[bytes]:
 def _of_function(function: types.FunctionType, seen: Seen) -> Iterator[bytes]:
     yield f"function {function.__module__} {function.__qualname__}".encode()
     yield from _parts((function.__defaults__, function.__kwdefaults__, function.__closure__), seen)
+    # The code too, where the module says the rest: any number of functions are called <lambda>.
+    yield from _parts(function.__code__, seen)
     if _stable(function.__module__):
         return
-    yield from _parts(function.__code__, seen)
     named = _names(function.__code__)
     if named & _LOOKS_ABROAD:
         raise _Opaque
