@@ -3,8 +3,6 @@
 import dataclasses
 import json
 import re
-import shutil
-import subprocess
 from html import unescape
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from sigmax.reports.figures import nis_figure
 from sigmax.reports.page import page
 from sigmax.reports.thin import stride, thin
 from sigmax.reports.verdict import best, nis_in_words, significant
+from tests.browser import opened
 from tests.own_records import tracked_radar
 
 
@@ -209,51 +208,16 @@ def test_ellipses_hold_two_standard_deviations(tracked: tuple[Record, list[Outco
     np.testing.assert_allclose(np.einsum("ki,ij,kj->k", away, np.linalg.inv(cov[:2, :2]), away), 4.0, rtol=1e-3)
 
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-
-_PROBE_HEAD = """<script>
-window.problems = [];
-window.addEventListener("error", e => window.problems.push(String(e.message)));
-for (const level of ["error", "warn"]) {
-  const old = console[level]; console[level] = (...a) => { window.problems.push(a.join(" ")); old.apply(console, a); };
-}
-</script>"""
-_PROBE_TAIL = """<script>
-window.addEventListener("load", () => setTimeout(() => {
-  const select = document.querySelector('select[data-choice="track"]');
-  select.value = "1"; select.dispatchEvent(new Event("change"));
-  setTimeout(() => parent.postMessage(JSON.stringify({
-    problems: window.problems, width: window.innerWidth, scroll: document.documentElement.scrollWidth,
-    drawn: [...document.querySelectorAll(".plot")].map(p => [
-      p.id, p.dataset.drawn, p.querySelectorAll(".scatterlayer .trace").length, p.getBoundingClientRect().right]),
-  }), "*"), 1500);
-}, 1500));
-</script>"""
+_CHOOSE = """
+const select = document.querySelector('select[data-choice="track"]');
+select.value = "1"; select.dispatchEvent(new Event("change"));"""
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
 @pytest.mark.parametrize("width", [390, 1200])
 def test_the_page_in_a_browser(width: int, tracked: tuple[Record, list[Outcome], list[Score]], tmp_path: Path) -> None:
     """Every figure is drawn, nothing complains, and nothing reaches beyond the screen."""
-    html = page(*tracked)
-    (tmp_path / "page.html").write_text(
-        html.replace("<head>", "<head>" + _PROBE_HEAD).replace("</body>", _PROBE_TAIL + "</body>")
-    )
-    # A window cannot be as narrow as a phone, a frame can.
-    (tmp_path / "frame.html").write_text(
-        '<!doctype html><body><pre id="told"></pre><script>'
-        'window.onmessage = e => document.getElementById("told").textContent = e.data</script>'
-        f'<iframe src="page.html" width="{width}" height="844" style="border:0"></iframe></body>'
-    )
-    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run"]
-    flags += [f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=20000", "--window-size=1400,900"]
-    command = [CHROMIUM, *flags, "--dump-dom", f"file://{tmp_path / 'frame.html'}"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    found = re.search(r'<pre id="told">(.+?)</pre>', done.stdout, re.S)
-    assert found, done.stderr[-2000:]
-    told = json.loads(unescape(found[1]))
+    told = opened(page(*tracked), width, tmp_path, _CHOOSE)
     assert told["problems"] == []
-    assert told["width"] == width
     assert told["scroll"] <= width
     assert {name: shown for name, shown, _, _ in told["drawn"]} == {
         "path": "path",
