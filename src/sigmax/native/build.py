@@ -81,9 +81,18 @@ def load(source: str, single: bool, straight: bool) -> ctypes.CDLL:
         Unavailable: without a compiler, or where it fails.
     """
     settings = (*_optimisation(straight), f"-DSIGMAX_FLOAT={int(single)}", f"-DSIGMAX_BYTES={lane_bytes()}")
+    return ctypes.CDLL(str(built(source, settings)))
+
+
+def built(source: str, settings: tuple[str, ...]) -> Path:
+    """The shared library made from C source by the compiler with these settings, from the cache if it is there.
+
+    Raises:
+        Unavailable: without a compiler, or where it fails.
+    """
     key = hashlib.sha256(b"\n".join([_foundation(), *(s.encode() for s in settings), source.encode()])).hexdigest()
     folder = _folder() / key[:2]
-    return ctypes.CDLL(str(_kept(folder, key) or _compiled(folder, key, source, settings)))
+    return _kept(folder, key) or _compiled(folder, key, source, settings)
 
 
 def _optimisation(straight: bool) -> list[str]:

@@ -163,9 +163,9 @@ if hasattr(os, "register_at_fork"):
 def over_cores(function: Any, job: ctypes.Structure, tracks: int, single: bool) -> None:
     """Call a function of the driver over all tracks, in parts of whole lanes, one for each core."""
     lanes = lane_bytes() // (4 if single else 8)
-    parts = cores()
     address = ctypes.addressof(job)
-    if parts == 1 or tracks < 2 * lanes:
+    parts = cores() if tracks >= 2 * lanes else 1
+    if parts == 1:
         function(address, 0, tracks)
         return
     size = -(-tracks // (parts * lanes)) * lanes

@@ -75,6 +75,7 @@ def processor() -> str:
     return hashlib.sha256(told.encode()).hexdigest()
 
 
+@cache
 def lane_bytes() -> int:
     """The width of the widest useful vector registers."""
     if {"avx512f", "avx512dq"} <= features():

@@ -129,6 +129,12 @@ class Live:
 
     def step(self, z: Any, dt: float, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """`predict(dt)` and `update(z)` in one compiled call."""
+        if R is None and u is None:
+            whole = self._state.whole.get(sensor)
+            if whole is not None and dt >= 0:
+                told = whole(dt, None, z)
+                if told is not NotImplemented:
+                    return told
         name, value = self._measurement(z, sensor)
         used = None if R is None else self._noise(name, R)
         given = self._inputs(u, "motion", name) if self._driven else None
@@ -238,4 +244,4 @@ class Live:
 def _seconds(dt: float) -> float:
     if not dt >= 0:
         raise InputError(f"dt must be a number of seconds, not negative; it is {dt}")
-    return dt
+    return float(dt)

@@ -1,41 +1,30 @@
 """The state of a live filter on steps compiled for this machine."""
 
-import ctypes
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
 
 from sigmax.filters import Filter
 from sigmax.models.model import Model
-from sigmax.native.driver import EMPTY, Record, Sensor, Squares, driver, over_cores, pointer, series
+from sigmax.native.calls import ready
+from sigmax.native.driver import Record, Sensor, Squares, driver, pointer, series
 from sigmax.running.lanes import started
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.step import Belief, Innovation
 
-
-class _Call(NamedTuple):
-    """A call made ready: only numbers change from one to the next.
-
-    Attributes:
-        job: what the driver takes, and where it lies.
-        dt: where it reads the seconds, u the inputs, z the measurement.
-        told: where it writes what the measurement said, by track.
-        alive: what must not be freed before the job.
-    """
-
-    job: Record
-    address: int
-    dt: np.ndarray
-    u: np.ndarray | None
-    z: np.ndarray | None
-    told: tuple[np.ndarray, ...]
-    alive: Any
+# A step of more numbers than this takes some ten microseconds: long enough to let other threads run.
+_MANY = 100
 
 
 class LaneState:
-    """Rows of numbers (B, size), and compiled half-steps that move them on."""
+    """Rows of numbers (B, size), and compiled half-steps that move them on.
+
+    Attributes:
+        whole: by sensor (None is the only one), what takes (dt, None, z) unchecked and does a whole step with
+            them, or returns NotImplemented where they are not as they should be. Empty where there is none.
+    """
 
     def __init__(self, filter: Filter, model: Model, mean: np.ndarray, cov: np.ndarray) -> None:
         self.filter, self.model = filter, model
@@ -44,18 +33,23 @@ class LaneState:
         low = self._lowered(0, None)
         self.packing = low.packing
         # Where it is known what will be needed, all is compiled side by side.
-        if not (model.motion_inputs or any(model.sensor_inputs.values())):
-            named = [("correct", s, len(m)) for s, m in model.measurement.items() if m is not None]
-            low.need(("start",), ("predict",), *named)
+        driven = model.motion_inputs or any(model.sensor_inputs.values())
+        named = {} if driven else {s: len(m) for s, m in model.measurement.items() if m is not None}
+        if not driven:
+            low.need(("start",), ("predict",), *(("correct", *about) for about in named.items()))
         self.rows = started(low, mean, cov, len(mean) if self._batched else 1)
         self.fault = np.zeros(len(self.rows), np.int8)
         self._calls: dict[Any, Callable[..., Any]] = {}
         single = self.dtype == np.float32
-        self._run, self._squares = driver(single)["record"], driver(single)["squares"]
-        self._P = np.empty((len(self.rows), low.n, low.n), self.dtype)
-        factors = self.rows[:, low.n :]
-        self._squaring = Squares(low.n, low.packing.size, 1, pointer(factors), pointer(self._P))
-        self._squaring_at = ctypes.addressof(self._squaring)
+        self._run = driver(single)["record"]
+        tracks = slice(None) if self._batched else 0
+        self._mean = self.rows[tracks, : low.n]
+        P, factors = np.empty((len(self.rows), low.n, low.n), self.dtype), self.rows[:, low.n :]
+        squaring = Squares(low.n, low.packing.size, 1, pointer(factors), pointer(P))
+        self._cov = ready(driver(single)["squares"], squaring, len(P), (), (P[tracks],), kept=factors)
+        self.whole = {} if self._batched else {s: self._ready(s, size, True, None, None) for s, size in named.items()}
+        if named and not model.several:
+            self.whole = {None: self.whole[""]}
 
     @property
     def belief(self) -> Belief:
@@ -71,8 +65,7 @@ class LaneState:
     @property
     def mean(self) -> np.ndarray:
         """(n,) or (B, n)."""
-        n = self.packing.n
-        return self.rows[:, :n].copy() if self._batched else self.rows[0, :n].copy()
+        return self._mean.copy()
 
     @property
     def factor(self) -> np.ndarray:
@@ -85,11 +78,7 @@ class LaneState:
     @property
     def cov(self) -> np.ndarray:
         """(n, n) or (B, n, n)."""
-        if self._batched:
-            over_cores(self._squares, self._squaring, len(self.rows), self.dtype == np.float32)
-            return self._P.copy()
-        self._squares(self._squaring_at, 0, 1)
-        return self._P[0].copy()
+        return self._cov()
 
     def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""
@@ -108,42 +97,16 @@ class LaneState:
         key = sensor, size, moving, None if u is None else u.shape
         go = self._calls.get(key) if R is None else None
         if go is None:
-            go = self._bound(self._made(sensor, size, moving, u, R))
+            go = self._made(sensor, size, moving, u, R)
             if R is None:
                 self._calls[key] = go
-        return go
-
-    def _bound(self, call: _Call) -> Callable[..., Any]:
-        """A function of dt, u and z around a call: everything is looked up once, for the call takes microseconds."""
-        run, job, address, batched = self._run, call.job, call.address, self._batched
-        dt_in, u_in, z_in, told = call.dt, call.u, call.z, call.told
-        count, single = len(self.rows), self.dtype == np.float32
-        if told and not batched:
-            residual, factor, *_ = (a[0] for a in told)
-            _, _, nis, likelihood, dof = told
-
-        # The job points into what the call keeps alive: the function has to hold on to it.
-        def go(dt: float, u: Any, z: Any, _kept: _Call = call) -> Any:
-            dt_in[0] = dt
-            if u is not None:
-                u_in[...] = u  # type: ignore[index]
-            if z is None:
-                over_cores(run, job, count, single)
-                return None
-            z_in[...] = z  # type: ignore[index]
-            if batched:
-                over_cores(run, job, count, single)
-                return Innovation(*[a.copy() for a in told])
-            run(address, 0, 1)
-            return Innovation(residual.copy(), factor.copy(), nis[0], likelihood[0], dof[0])
-
         return go
 
     def _lowered(self, inputs: int, model: Model | None) -> Lowered:
         return lowered(self.filter, model or self.model, inputs, self.dtype, known_zeros=model is None)
 
-    def _made(self, sensor: str | None, size: int, moving: bool, u: Any, R: Any) -> _Call:
-        """A call made ready.
+    def _made(self, sensor: str | None, size: int, moving: bool, u: Any, R: Any) -> Callable[..., Any]:
+        """A function of dt, u and z that does it, bound to arrays of its own: only numbers change from call to call.
 
         Raises:
             Refused: for a model or filter that cannot be lowered.
@@ -159,12 +122,12 @@ class LaneState:
         found = dict(zip([part[0] for part in wanted], low.need(*wanted), strict=True))
         numbers = low.parameters(model)
         constants = {name: step.setup(numbers) for name, step in found.items()}
-        dt = np.zeros(1, self.dtype)
-        inputs = None if u is None else np.empty(u.shape, self.dtype)
-        z = None if sensor is None else np.empty((B, size) if self._batched else size, self.dtype)
+        dt = np.zeros((), self.dtype)
+        inputs = np.empty(0 if u is None else u.shape, self.dtype)
+        z = np.empty((B, size) if self._batched else size, self.dtype)
         told: tuple[np.ndarray, ...] = ()
         sensors = (Sensor * 1)()
-        if z is not None:
+        if sensor is not None:
             told = (
                 np.empty((B, size), self.dtype),
                 np.empty((B, size, size), self.dtype),
@@ -186,9 +149,9 @@ class LaneState:
             low.packing.size,
             found["predict"].address if moving else None,
             pointer(constants.get("predict")),
-            series(dt, 1, False, False),
-            EMPTY if inputs is None else series(inputs, 1, inputs.ndim == 2, False),
-            0 if z is None else 1,
+            series(dt, 0, False, False),
+            series(inputs, 1, inputs.ndim == 2, False),
+            0 if sensor is None else 1,
             sensors,
             pointer(self.rows),
             None,
@@ -198,4 +161,7 @@ class LaneState:
             pointer(self.fault),
             pointer(told[4]) if told else None,
         )
-        return _Call(job, ctypes.addressof(job), dt, inputs, z, told, (constants, sensors, low))
+        outputs = told if self._batched else tuple(a.reshape(a.shape[1:]) for a in told)
+        kept = constants, sensors, told, self.rows, self.fault, low
+        long = low.packing.size > _MANY
+        return ready(self._run, job, B, (dt, inputs, z), outputs, Innovation if told else None, long, kept)

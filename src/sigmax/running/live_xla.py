@@ -1,5 +1,6 @@
 """The state of a live filter on XLA."""
 
+from collections.abc import Mapping
 from functools import lru_cache, partial
 from typing import Any
 
@@ -19,6 +20,9 @@ from sigmax.running.step import Belief, Innovation, begin, correct, predict
 
 class XlaState:
     """A belief, batch last, and the compiled half-steps that move it on."""
+
+    # See `LaneState`.
+    whole: Mapping[str | None, Any] = {}
 
     def __init__(self, filter: Filter, model: Model, belief: Belief) -> None:
         self.filter, self.model = filter, model
