@@ -106,6 +106,20 @@ def test_batch_loop_and_live_are_alike_bit_for_bit(filter, dtype):
             assert np.array_equal(told.residual, batch.innovation[0, t], equal_nan=True)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("filter", "name"), pairs(every=True))
+def test_live_is_the_batch_bit_for_bit_on_every_pair(filter, name):
+    made, z, u = record(name)
+    batch = sigmax.run(filter, made.model, made.prior, z, dt=made.dt, inputs=u, backend="native")
+    live = sigmax.Live(filter, made.model, made.prior, backend="native")
+    for t in range(STEPS):
+        told = live.step(z[0, t], made.dt, u=None if u is None else u[t])
+        assert np.array_equal(live.mean, batch.mean[0, t])
+        assert np.array_equal(live.cov, batch.cov[0, t])
+        assert np.array_equal(told.nis, batch.nis[0, t], equal_nan=True)
+        assert told.log_likelihood == batch.step_log_likelihood[0, t]
+
+
 def test_each_track_may_have_its_own_prior_times_and_inputs():
     made, z, u = record("rover-beacon", tracks=5)
     rng = np.random.default_rng(1)

@@ -25,10 +25,10 @@ def lowered(function, *sizes):
     return Program(g, ("given",), {"made": list(np.ravel(out)), "told": [g.constant(0.0)]})
 
 
-def compiled(function, *sizes):
-    """A function of vectors, as a function of rows that hold them one after the other."""
+def compiled(function, *sizes, alone=False):
+    """A function of vectors, as a function of rows that hold them one after the other; of one row if `alone`."""
     program = lowered(function, *sizes)
-    (step,) = steps([(None, lambda: program)], single=False)
+    (step,) = steps([(None, lambda: program)], single=False, alone=alone)
     constants = step.setup(np.zeros(1))
 
     def call(rows):
@@ -45,6 +45,9 @@ def agree(function, rows, rtol=1e-13):
     made = compiled(function, rows.shape[1])(rows)
     wanted = np.asarray(jax.jit(jax.vmap(function))(rows), float).reshape(len(rows), -1)
     np.testing.assert_allclose(made, wanted, rtol=rtol, atol=1e-300, equal_nan=True)
+    one = compiled(function, rows.shape[1], alone=True)
+    for k in range(0, len(rows), 5):
+        assert np.array_equal(one(rows[k : k + 1])[0], made[k], equal_nan=True)
 
 
 def rows(seed=0, columns=4, scale=2.0):

@@ -1,6 +1,7 @@
 """Compiled steps called from Python: over records, backwards, and over rows."""
 
 import ctypes
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -96,23 +97,26 @@ class Squares(ctypes.Structure):
     ]
 
 
-def steps(programs: Sequence[tuple[str | None, Callable[[], Program]]], single: bool) -> list[Step]:
+def steps(
+    programs: Sequence[tuple[str | None, Callable[[], Program]]], single: bool, alone: bool = False
+) -> list[Step]:
     """Programs compiled side by side, each given by what makes it.
 
     A fingerprint before it, if there is one, says under which name its source is remembered from another
-    process: then it need not be made.
+    process: then it need not be made. `alone` is for a single track: less work, and the same bits.
 
     Raises:
         Refused: where a program cannot be made.
         Unavailable: without a compiler, or where it fails.
     """
     vectors = vector_functions(single)
+    lanes = lane_bytes() // (4 if single else 8) if alone else 0
 
     def source(fingerprint: str | None, make: Callable[[], Program]) -> str:
-        name = None if fingerprint is None else f"{fingerprint}-{lane_bytes()}-{len(vectors)}"
+        name = None if fingerprint is None else f"{fingerprint}-{lane_bytes()}-{len(vectors)}-{lanes}"
         known = None if name is None else remembered(name)
         if known is None:
-            known = lanes_source(make(), vectors)
+            known = lanes_source(make(), vectors, lanes)
             if name is not None:
                 remember(name, known)
         return known
@@ -181,6 +185,6 @@ def pointer(array: np.ndarray | None) -> int | None:
 
 def series(array: np.ndarray, core: int, track: bool, step: bool) -> Series:
     """An array with the axes (track, step, …) as far as it has them, the last `core` being one element's."""
-    size = int(np.prod(array.shape[array.ndim - core :]))
+    size = math.prod(array.shape[array.ndim - core :])
     steps_ = array.shape[1 if track else 0] if step else 1
     return Series(array.ctypes.data, size, size * steps_ if track else 0, size if step else 0)

@@ -1,6 +1,6 @@
 """A graph written as C over vector lanes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -18,8 +18,11 @@ def literal(value: float) -> str:
     return repr(float(value))
 
 
-def lanes_source(program: Program, vectors: Mapping[str, str]) -> str:
+def lanes_source(program: Program, vectors: Mapping[str, str], alone: int = 0) -> str:
     """The C of a program; `vectors` names the library's vector functions by operation.
+
+    Where only the first of `alone` lanes is wanted, calls of a vector function that do not wait for each other
+    are made in one, a lane for each. Nothing else differs, so neither does a bit of the first lane.
 
     It defines `constants()`, the number of values that stay the same; `setup(parameters, c)`, which
     computes them; and `step(c, inputs…, outputs…)`.
@@ -28,14 +31,18 @@ def lanes_source(program: Program, vectors: Mapping[str, str]) -> str:
     read = [*program.results, *(a for n in order if not n.fixed for a in n.inputs)]
     kept = list({n.index: n for n in read if n.fixed and not n.known}.values())
     calls = sorted({OPERATIONS[n.operation].calls for n in order if n.operation in OPERATIONS} - {""})
-    lines = ['#include "lanes.h"', *(_library_function(name, vectors) for name in calls)]
+    lines = [
+        *(["#define WANTED 1"] if alone else []),
+        '#include "lanes.h"',
+        *(_library_function(name, vectors) for name in calls),
+    ]
     for number, table in enumerate(program.graph.tables):
         lines.append(f"static const R table_{number}[] = {{{', '.join(map(literal, table))}}};")
     lines += [f"long constants(void) {{ return {max(len(kept), 1)}; }}", *_setup(kept)]
-    return "\n".join([*lines, *function(program, "step", _dialect(kept))]) + "\n"
+    return "\n".join([*lines, *function(program, "step", _dialect(kept, vectors, alone))]) + "\n"
 
 
-def _dialect(kept: Sequence[Node]) -> Dialect:
+def _dialect(kept: Sequence[Node], vectors: Mapping[str, str], alone: int) -> Dialect:
     places = {n.index: i for i, n in enumerate(kept)}
 
     def fixed(node: Node) -> str | None:
@@ -57,7 +64,49 @@ def _dialect(kept: Sequence[Node]) -> Dialect:
         stored="v_number({})",
         loaded="v_truth({})",
         told="v_number({})",
+        arrange=lambda work: _calls_side_by_side(work, vectors),
+        together=lambda work: _side_by_side(work, vectors, max(alone, 1)),
+        pack=lambda name, nodes, arguments: _packed(name, nodes, arguments, alone),
     )
+
+
+def _calls(node: Node, vectors: Mapping[str, str]) -> bool:
+    return node.operation in OPERATIONS and OPERATIONS[node.operation].calls in vectors
+
+
+def _calls_side_by_side(work: Sequence[Node], vectors: Mapping[str, str]) -> Sequence[Node]:
+    """Sorted so that calls of one function follow each other where none waits for another."""
+    waits: dict[int, int] = {}
+    for n in work:
+        before = [waits[a.index] + _calls(a, vectors) for a in n.inputs if a.index in waits]
+        waits[n.index] = max(before, default=0)
+
+    def place(n: Node) -> tuple[int, str, int]:
+        return waits[n.index], n.operation if _calls(n, vectors) else "", n.index
+
+    return sorted(work, key=place)
+
+
+def _side_by_side(work: Sequence[Node], vectors: Mapping[str, str], most: int) -> Iterator[Sequence[Node]]:
+    """Runs of calls of one vector function that do not wait for each other, and every other node alone."""
+    run: list[Node] = []
+    for n in work:
+        fits = run and len(run) < most and n.operation == run[0].operation and _calls(n, vectors)
+        if run and not (fits and not any(a is b for a in n.inputs for b in run)):
+            yield run
+            run = []
+        run.append(n)
+    if run:
+        yield run
+
+
+def _packed(
+    name: str, nodes: Sequence[Node], arguments: Sequence[Sequence[str]], lanes: int
+) -> tuple[str, Sequence[str]]:
+    """One call for several nodes; lanes that are left over repeat the first."""
+    every = [*arguments, *[arguments[0]] * (lanes - len(arguments))]
+    packed = [f"(V){{{', '.join(f'({a})[0]' for a in column)}}}" for column in zip(*every, strict=True)]
+    return f"const V {name} = {_spelled(nodes[0], packed)};", [f"K({name}[{i}])" for i in range(len(nodes))]
 
 
 def _library_function(name: str, vectors: Mapping[str, str]) -> str:

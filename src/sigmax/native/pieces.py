@@ -1,6 +1,6 @@
 """A graph as a C function, in pieces that compilers get through in time; the same for lanes and for one number."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -51,6 +51,9 @@ class Dialect(NamedTuple):
         loaded: the same back.
         told: a truth value as the number 0 or 1.
         comment: what is written where the label of the nodes changes, and beside an output.
+        arrange: the nodes in the order in which they are computed.
+        together: nodes that follow each other -> those of them that one call computes.
+        pack: a name, such nodes and the names of their arguments -> the line of the call, and an expression for each.
     """
 
     number: str
@@ -66,6 +69,9 @@ class Dialect(NamedTuple):
     loaded: str
     told: str
     comment: Callable[[str], str] = lambda text: ""
+    arrange: Callable[[Sequence[Node]], Sequence[Node]] = lambda work: work
+    together: Callable[[Sequence[Node]], Iterable[Sequence[Node]]] = lambda work: zip(work)
+    pack: Callable[[str, Sequence[Node], Sequence[Sequence[str]]], tuple[str, Sequence[str]]] | None = None
 
 
 def needed(outputs: Iterable[Node], brought: Callable[[Node], bool] = lambda node: False) -> list[Node]:
@@ -132,7 +138,7 @@ def _cut(work: Sequence[Node]) -> _Cut:
 def function(program: Program, name: str, dialect: Dialect) -> list[str]:
     """A program as the function `name(…, inputs…, outputs…)` with its pieces before it."""
     order = needed(program.results, lambda n: dialect.fixed(n) is not None)
-    work = [n for n in order if n.operation not in ("input", "constant")]
+    work = dialect.arrange([n for n in order if n.operation not in ("input", "constant")])
     cut = _cut(work)
     declared, passed = dialect.before
     groups = [*program.inputs, *program.outputs]
@@ -163,8 +169,7 @@ def _piece(program: Program, cut: _Cut, k: int, dialect: Dialect, arguments: Seq
         return names[node.index]
 
     label = ""
-    for n in cut.pieces[k]:
-        expression = dialect.spell(n, [read(a) for a in n.inputs])
+    for n, expression in _expressions(cut.pieces[k], dialect, read, body):
         if n.label != label:
             label = n.label
             body.append(dialect.comment(label))
@@ -183,6 +188,20 @@ def _piece(program: Program, cut: _Cut, k: int, dialect: Dialect, arguments: Seq
     declared = dialect.before[1]
     unused += [declared] if declared and declared not in used else []
     return [line for line in body if line] + [f"    (void){a};" for a in unused]
+
+
+def _expressions(
+    work: Sequence[Node], dialect: Dialect, read: Callable[[Node], str], body: list[str]
+) -> Iterator[tuple[Node, str]]:
+    """Each node and what computes it, calls made for several of them being written to the body before."""
+    for nodes in dialect.together(work):
+        arguments = [[read(a) for a in n.inputs] for n in nodes]
+        if dialect.pack is None or len(nodes) == 1:
+            yield from ((n, dialect.spell(n, names)) for n, names in zip(nodes, arguments, strict=True))
+        else:
+            call, expressions = dialect.pack(f"p{nodes[0].index}", nodes, arguments)
+            body.append(f"    {call}")
+            yield from zip(nodes, expressions, strict=True)
 
 
 def _type(node: Node, dialect: Dialect) -> str:

@@ -1,5 +1,6 @@
 """Records through steps compiled for this machine: many tracks side by side in the lanes of a core."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,15 @@ from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.step import Innovation
 
 
+@cache
+def _lower_places(n: int) -> tuple[np.ndarray, ...]:
+    return np.tril_indices(n)
+
+
 def started(low: Lowered, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.ndarray:
     """The rows (B, size) of a prior: the same for all tracks where it has no batch."""
     (step,) = low.need(("start",))
-    i, j = np.tril_indices(low.n)
+    i, j = _lower_places(low.n)
     lower = cov[..., i, j]
     alone = mean.ndim == 1 and lower.ndim == 1
     count = 1 if alone else batch

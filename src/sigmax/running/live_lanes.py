@@ -29,7 +29,9 @@ class LaneState:
     def __init__(self, filter: Filter, model: Model, mean: np.ndarray, cov: np.ndarray) -> None:
         self.filter, self.model = filter, model
         self._batched = mean.ndim == 2
+        self._alone = mean.ndim == 1 or len(mean) == 1
         self.dtype = mean.dtype
+        self._low: dict[int, Lowered] = {}
         low = self._lowered(0, None)
         self.packing = low.packing
         # Where it is known what will be needed, all is compiled side by side.
@@ -47,9 +49,9 @@ class LaneState:
         P, factors = np.empty((len(self.rows), low.n, low.n), self.dtype), self.rows[:, low.n :]
         squaring = Squares(low.n, low.packing.size, 1, pointer(factors), pointer(P))
         self._cov = ready(driver(single)["squares"], squaring, len(P), (), (P[tracks],), kept=factors)
-        self.whole = {} if self._batched else {s: self._ready(s, size, True, None, None) for s, size in named.items()}
-        if named and not model.several:
-            self.whole = {None: self.whole[""]}
+        self.whole: dict[str | None, Callable[..., Any]] = {
+            (s if model.several else None): self._ready(s, size, True, None, None) for s, size in named.items()
+        }
 
     @property
     def belief(self) -> Belief:
@@ -102,8 +104,13 @@ class LaneState:
                 self._calls[key] = go
         return go
 
-    def _lowered(self, inputs: int, model: Model | None) -> Lowered:
-        return lowered(self.filter, model or self.model, inputs, self.dtype, known_zeros=model is None)
+    def _lowered(self, inputs: int, other: Model | None) -> Lowered:
+        """The steps for this many inputs, of another model where R is given with the measurement."""
+        if other is not None:
+            return lowered(self.filter, other, inputs, self.dtype, False, self._alone)
+        if inputs not in self._low:
+            self._low[inputs] = lowered(self.filter, self.model, inputs, self.dtype, alone=self._alone)
+        return self._low[inputs]
 
     def _made(self, sensor: str | None, size: int, moving: bool, u: Any, R: Any) -> Callable[..., Any]:
         """A function of dt, u and z that does it, bound to arrays of its own: only numbers change from call to call.

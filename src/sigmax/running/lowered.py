@@ -32,6 +32,7 @@ class Lowered:
         zeros: of each of the model's arrays of numbers, its shape and which of its entries are always 0.
         inputs: how many inputs u has.
         dtype: float64 or float32.
+        alone: whether they are for a single track: the same bits in less time.
         numbers: the model's arrays of numbers where they are to be constants of the programs, else
             they are parameters.
     """
@@ -43,10 +44,11 @@ class Lowered:
         zeros: tuple[Any, ...],
         inputs: int,
         dtype: Any,
+        alone: bool = False,
         numbers: Sequence[np.ndarray] | None = None,
     ) -> None:
         self.filter, self.structure, self.inputs, self.dtype = filter, structure, inputs, np.dtype(dtype)
-        self._numbers = numbers
+        self._alone, self._numbers = alone, numbers
         self.zeros = [np.array(pattern).reshape(shape) for shape, pattern in zeros]
         self.n = self._model([np.zeros(z.shape) for z in self.zeros]).size
         square = jax.ShapeDtypeStruct((self.n, self.n), self.dtype)
@@ -65,7 +67,7 @@ class Lowered:
         missing = [part for part in parts if part not in self._made]
         if missing:
             programs = [(self._fingerprint(part), partial(self.program, *part)) for part in missing]
-            self._made |= zip(missing, steps(programs, self.dtype == np.float32), strict=True)
+            self._made |= zip(missing, steps(programs, self.dtype == np.float32, self._alone), strict=True)
         return [self._made[part] for part in parts]
 
     def program(self, part: str, *about: Any) -> Program:
@@ -192,20 +194,24 @@ class Lowered:
 
 
 @lru_cache(maxsize=256)
-def _lowered(filter: Filter, structure: Any, zeros: tuple[Any, ...], inputs: int, dtype: Any) -> Lowered:
-    return Lowered(filter, structure, zeros, inputs, dtype)
+def _lowered(filter: Filter, structure: Any, zeros: tuple[Any, ...], inputs: int, dtype: Any, alone: bool) -> Lowered:
+    return Lowered(filter, structure, zeros, inputs, dtype, alone)
 
 
-def lowered(filter: Filter, model: Model, inputs: int, dtype: Any, known_zeros: bool = True) -> Lowered:
+def lowered(
+    filter: Filter, model: Model, inputs: int, dtype: Any, known_zeros: bool = True, alone: bool = False
+) -> Lowered:
     """The compiled half-steps for a model, shared by models that differ in the numbers of their noises alone."""
     leaves, structure = jax.tree.flatten(model)
-    return _lowered(filter, structure, _zeros(leaves, known_zeros), inputs, np.dtype(dtype))
+    return _lowered(filter, structure, _zeros(leaves, known_zeros), inputs, np.dtype(dtype), alone)
 
 
 def with_numbers(filter: Filter, model: Model, inputs: int, dtype: Any) -> Lowered:
     """The half-steps with the numbers of the noises as constants."""
     leaves, structure = jax.tree.flatten(model)
-    return Lowered(filter, structure, _zeros(leaves, True), inputs, dtype, [np.asarray(leaf) for leaf in leaves])
+    return Lowered(
+        filter, structure, _zeros(leaves, True), inputs, dtype, numbers=[np.asarray(leaf) for leaf in leaves]
+    )
 
 
 def _zeros(leaves: Sequence[Any], known: bool) -> tuple[Any, ...]:

@@ -21,6 +21,11 @@ typedef long long I;
 #define BYTES SIGMAX_BYTES
 #define W ((int)(BYTES / sizeof(R)))
 
+/* How many lanes are of interest: the others may hold anything. */
+#ifndef WANTED
+#define WANTED W
+#endif
+
 typedef R V __attribute__((vector_size(BYTES), may_alias));
 typedef I B __attribute__((vector_size(BYTES), may_alias)); /* the bits of numbers */
 
@@ -118,23 +123,23 @@ INLINE V v_round(V a) {
 }
 
 INLINE V v_look_up(const R *table, V at) {
-    V r;
-    for (int i = 0; i < W; i++) r[i] = table[(long)at[i]];
+    V r = at;
+    for (int i = 0; i < WANTED; i++) r[i] = table[(long)at[i]];
     return r;
 }
 
 /* A function of the mathematical library: over vectors where there is one, else lane by lane. */
-#define LANE_BY_LANE(name)                                     \
-    static __attribute__((noinline)) V v_##name(V a) {         \
-        V r;                                                   \
-        for (int i = 0; i < W; i++) r[i] = SUFFIX(name)(a[i]); \
-        return r;                                              \
+#define LANE_BY_LANE(name)                                          \
+    static __attribute__((noinline)) V v_##name(V a) {              \
+        V r = a;                                                    \
+        for (int i = 0; i < WANTED; i++) r[i] = SUFFIX(name)(a[i]); \
+        return r;                                                   \
     }
-#define LANE_BY_LANE_2(name)                                         \
-    static __attribute__((noinline)) V v_##name(V a, V b) {          \
-        V r;                                                         \
-        for (int i = 0; i < W; i++) r[i] = SUFFIX(name)(a[i], b[i]); \
-        return r;                                                    \
+#define LANE_BY_LANE_2(name)                                              \
+    static __attribute__((noinline)) V v_##name(V a, V b) {               \
+        V r = a;                                                          \
+        for (int i = 0; i < WANTED; i++) r[i] = SUFFIX(name)(a[i], b[i]); \
+        return r;                                                         \
     }
 #define VECTOR(name, symbol) \
     V symbol(V);             \
