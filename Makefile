@@ -41,6 +41,7 @@ docs: $(VENV)/ready-test
 
 bench: $(VENV)/ready-bench
 	$(BIN)/python benchmarks/speed.py --write benchmarks/README.md
+	$(BIN)/python benchmarks/large.py --write benchmarks/README.md
 
 clean:
 	rm -rf $(VENV) build dist site

@@ -40,15 +40,15 @@ def _numeric(section: Section, column: int) -> bool:
     return bool(section.rows) and all(row[column][:1].isdigit() or row[column] in ("", "–") for row in section.rows)
 
 
-def write(path: Path, text: str) -> None:
-    """Put `text` between the markers of a page.
+def write(path: Path, text: str, begin: str = BEGIN, end: str = END) -> None:
+    """Put `text` between two markers of a page.
 
     Raises:
         SystemExit: where the page has no markers.
     """
     page = path.read_text(encoding="utf-8")
-    if BEGIN not in page or END not in page:
-        raise SystemExit(f"{path} has no lines {BEGIN!r} and {END!r} to write between; add them")
-    head, rest = page.split(BEGIN, 1)
-    tail = rest.split(END, 1)[1]
-    path.write_text(f"{head}{BEGIN}\n\n{text}\n{END}{tail}", encoding="utf-8")
+    if begin not in page or end not in page:
+        raise SystemExit(f"{path} has no lines {begin!r} and {end!r} to write between; add them")
+    head, rest = page.split(begin, 1)
+    tail = rest.split(end, 1)[1]
+    path.write_text(f"{head}{begin}\n\n{text}\n{end}{tail}", encoding="utf-8")

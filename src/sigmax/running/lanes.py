@@ -25,8 +25,8 @@ def started(low: Lowered, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.n
     lower = cov[..., i, j]
     alone = mean.ndim == 1 and lower.ndim == 1
     count = 1 if alone else batch
-    parts = [np.broadcast_to(a, (count, a.shape[-1])) for a in (mean, lower)]
-    given = np.ascontiguousarray(np.concatenate(parts, axis=1))
+    given = np.empty((count, low.n + len(i)), low.dtype)
+    given[:, : low.n], given[:, low.n :] = mean, lower
     made = np.empty((count, low.packing.size), low.dtype)
     constants = step.setup(np.zeros(sum(z.size for z in low.zeros) + 1))
     job = Rows(step.address, pointer(constants), series(given, 1, True, False), made.shape[1], pointer(made))

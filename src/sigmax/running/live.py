@@ -60,7 +60,7 @@ class Live:
         self._driven = model.motion_inputs or any(model.sensor_inputs.values())
         self.model = cast(model, self._dtype)
         mean = typed(prior.mean, self._dtype)
-        cov = np.broadcast_to(starting_cov(self.filter, prior, self._dtype), (*mean.shape, model.size))
+        cov = starting_cov(self.filter, prior, self._dtype)
         given = self.filter, self.model, mean, cov
         self._state: LaneState | XlaState = attempt(
             backend, False, lambda: LaneState(*given), lambda: XlaState.of_prior(*given)

@@ -34,7 +34,8 @@ class XlaState:
 
     @classmethod
     def of_prior(cls, filter: Filter, model: Model, mean: np.ndarray, cov: np.ndarray) -> "XlaState":
-        """The state of a prior (n,) or (B, n)."""
+        """The state of a prior (n,) or (B, n), with a covariance for all or one for each."""
+        cov = np.broadcast_to(cov, (*mean.shape, mean.shape[-1]))
         return cls(filter, model, _started(filter, batch_last(mean, 1), batch_last(cov, 2)))
 
     @property
