@@ -151,30 +151,35 @@ def test_several_sensors_and_inputs_go_through_it_too(in_python):
 
 
 def test_nothing_leaks(radar):
+    tracker, z, dt = live(radar)
+
     def steps(count):
-        tracker, z, dt = live(radar)
         for _ in range(count):
             tracker.step(z[0], 0.0)
+        for _ in range(count // 200):
             assert len(tracker.cov) == 5
-        for _ in range(count // 100):
-            live(radar)[0].step(z[1], dt)
             with pytest.raises(InputError):
                 tracker.step([0.0], dt)
 
-    steps(1000)
-    gc.collect()
-    tracemalloc.start()
-    try:
-        steps(1000)
+    def trackers(count):
+        for _ in range(count):
+            live(radar)[0].step(z[1], dt)
+
+    def grown(work, count):
+        work(400)
         gc.collect()
         before, _ = tracemalloc.get_traced_memory()
-        steps(20_000)
+        work(count)
         gc.collect()
-        after, _ = tracemalloc.get_traced_memory()
+        return tracemalloc.get_traced_memory()[0] - before
+
+    tracemalloc.start()
+    try:
+        # One object lost in every step would be some megabytes, one array in every tracker 50 kB.
+        assert grown(steps, 100_000) < 5000
+        assert grown(trackers, 400) < 20_000
     finally:
         tracemalloc.stop()
-    # One number lost in every step would be 160 kB.
-    assert after - before < 20_000
 
 
 def test_threads_with_a_tracker_each_do_not_disturb_each_other(radar):
