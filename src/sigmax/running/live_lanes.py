@@ -22,8 +22,8 @@ class LaneState:
     """Rows of numbers (B, size), and compiled half-steps that move them on.
 
     Attributes:
-        whole: by sensor (None is the only one), what takes (dt, None, z) unchecked and does a whole step with
-            them, or returns NotImplemented where they are not as they should be. Empty where there is none.
+        whole: by sensor (None is the only one), what takes (dt, None, z) as they were given and does a whole step,
+            or returns NotImplemented where they need a closer look. Only of sensors that are known beforehand.
     """
 
     def __init__(self, filter: Filter, model: Model, mean: np.ndarray, cov: np.ndarray) -> None:
