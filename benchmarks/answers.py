@@ -44,13 +44,18 @@ class Answers:
         self._first: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
 
     def look(self, entry: Entry, estimate: Estimate) -> None:
-        """Take down what an entry computed; covariances may be missing, but not those of the first of a kind."""
+        """Take down what an entry computed, of all steps or of the last ones alone.
+
+        Covariances may be missing, but not those of the first of a kind, which is to hand over all steps.
+        """
         mean, cov = np.asarray(estimate.mean), None if estimate.cov is None else np.asarray(estimate.cov)
-        error = (mean - self.truth)[..., :2]
-        rmse = float(np.sqrt((error**2).sum(-1).mean()))
+        steps = slice(-mean.shape[-2], None)
+        truth = self.truth[..., steps, :]
+        rmse = _position_rmse(mean, truth)
         if cov is not None:
             self._first.setdefault(entry.kind, (entry.name, mean, cov))
         name, at, spread = self._first[entry.kind]
+        at, spread = at[..., steps, :], spread[..., steps, :, :]
         deviation = np.sqrt(np.einsum("...ii->...i", spread))
         gap = mean - at
         gap[..., COURSE] -= 2 * np.pi * np.round(gap[..., COURSE] / (2 * np.pi))
@@ -59,6 +64,11 @@ class Answers:
             for i in range(5):  # a row at a time: covariances of a large batch fill the memory as it is
                 scale = deviation[..., i, None] * deviation
                 apart = max(apart, float(np.abs((cov[..., i, :] - spread[..., i, :]) / scale).max()))
-        usual = self.seen[0].rmse if self.seen else rmse
+        usual = _position_rmse(next(iter(self._first.values()))[1][..., steps, :], truth)
         good = apart < TOLERANCE and usual / RMSE_FACTOR < rmse < usual * RMSE_FACTOR
         self.seen.append(Answer(entry, rmse, name, apart, good))
+
+
+def _position_rmse(mean: np.ndarray, truth: np.ndarray) -> float:
+    error = (mean - truth)[..., :2]
+    return float(np.sqrt((error**2).sum(-1).mean()))

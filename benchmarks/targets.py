@@ -22,11 +22,15 @@ def _at_most(goal: float, unit: str, what: str, reached: Spread) -> Row:
 def _races(results: dict[str, dict[str, Timing]]) -> list[Row]:
     step, live = "sigmax SRCKFB, step", "SRCKFB live step, mean and covariance read, faster than"
     means, alone = "sigmax SRCKFB, step, mean read alone", "SRCKFB live step, mean read alone, faster than"
+    end, called = "sigmax SRCKFB, step, state read at the end", "SRCKFB live step, state read at the end, faster than"
     goals = [
         (2.5, "SRCKFB faster than dynamax's UKF, batch", "dynamax UKF", "sigmax SRCKFB", "batch"),
         (1.8, "EKF faster than dynamax's EKF, batch", "dynamax EKF", "sigmax EKF", "batch"),
         (15, f"{live} turbo-ckf CKF", "turbo-ckf CKF", step, "live"),
         (80, f"{live} FilterPy UKF", "FilterPy UKF", step, "live"),
+        (15, f"{called} turbo-ckf CKF", "turbo-ckf CKF", end, "live"),
+        (80, f"{called} FilterPy UKF", "FilterPy UKF", end, "live"),
+        (250, f"{called} Stone Soup UKF", "Stone Soup UKF", end, "live"),
         (15, f"{alone} turbo-ckf CKF", "turbo-ckf CKF", means, "live"),
         (80, f"{alone} FilterPy UKF", "FilterPy UKF", means, "live"),
         (250, f"{alone} Stone Soup UKF", "Stone Soup UKF", means, "live"),

@@ -82,11 +82,19 @@ def live(z: np.ndarray) -> list[Entry]:
             found.append(tracker.mean)
         return Estimate(np.array(found), None)
 
+    def last(filter: sigmax.Filter, model: sigmax.Model) -> Estimate:
+        tracker = sigmax.Live(filter, model, _prior())
+        for measured in z:
+            tracker.step(measured, DT)
+        return Estimate(tracker.mean[None], tracker.cov[None])
+
     gives = "mean, cov, innovation, NIS, log-likelihood, soundness"
     entries = [_entry(f, ", step", gives, steps, False) for f in ONE]
     halves = _entry("SRCKFB", ", predict + update", gives, steps, True)
     alone = _entry("SRCKFB", ", step, mean read alone", "mean, innovation, NIS, log-likelihood, soundness", means)
-    return [*entries, alone, halves, _entry("SRCKFB", ", step, XLA", gives, steps, False, "xla")]
+    gives_last = "innovation, NIS, log-likelihood, soundness; mean and cov once"
+    end = _entry("SRCKFB", ", step, state read at the end", gives_last, last)
+    return [*entries, alone, end, halves, _entry("SRCKFB", ", step, XLA", gives, steps, False, "xla")]
 
 
 @cache
