@@ -30,6 +30,7 @@ def _entry(filter: str, what: str, gives: str, call: Any, *arguments: Any) -> En
     return Entry(name, _KIND.get(filter, filter), gives, partial(call, chosen, _model(), *arguments))
 
 
+@cache
 def _prior() -> sigmax.Gaussian:
     return sigmax.Gaussian(MEAN, np.diag(PRIOR))
 

@@ -42,7 +42,7 @@ def extension() -> ModuleType | None:
 
 def ready(
     function: Any,
-    job: ctypes.Structure,
+    job: ctypes.Structure | None,
     tracks: int,
     inputs: tuple[np.ndarray, ...],
     outputs: tuple[np.ndarray, ...],
@@ -57,7 +57,7 @@ def ready(
     value is not clearly what belongs there, it does nothing and returns NotImplemented.
 
     Args:
-        function: the function of the driver.
+        function: the function of the driver; None where the outputs are only to be read.
         job: what it works on.
         tracks: how many.
         inputs: what the job reads; an empty array where there is nothing to be given.
@@ -69,8 +69,8 @@ def ready(
     module = extension() if tracks == 1 else None
     held = function, job, kept
     if module is not None:
-        address = ctypes.cast(function, ctypes.c_void_p).value
-        made: Callable[..., Any] = module.ready(address, ctypes.addressof(job), inputs, outputs, kind, held, long)
+        where = (0, 0) if job is None else (ctypes.cast(function, ctypes.c_void_p).value, ctypes.addressof(job))
+        made: Callable[..., Any] = module.ready(*where, inputs, outputs, kind, held, long)
         return made
     single = (*inputs, *outputs)[0].dtype == np.float32
 
@@ -80,7 +80,8 @@ def ready(
                 if not _fits(value, array):
                     return NotImplemented
                 array[...] = value
-        over_cores(function, job, tracks, single)
+        if job is not None:
+            over_cores(function, job, tracks, single)
         if kind is not None:
             return kind(*[a.copy() if a.ndim else a[()] for a in outputs])
         return outputs[0].copy() if outputs else None

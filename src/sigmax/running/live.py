@@ -69,12 +69,12 @@ class Live:
     @property
     def mean(self) -> np.ndarray:
         """The estimate (n,) or (B, n)."""
-        return self._state.mean
+        return self._state.read_mean()
 
     @property
     def cov(self) -> np.ndarray:
         """Its covariance (n, n) or (B, n, n)."""
-        return self._state.cov
+        return self._state.read_cov()
 
     @property
     def std(self) -> np.ndarray:

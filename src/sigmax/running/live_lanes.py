@@ -24,6 +24,8 @@ class LaneState:
     Attributes:
         whole: by sensor (None is the only one), what takes (dt, None, z) as they were given and does a whole step,
             or returns NotImplemented where they need a closer look. Only of sensors that are known beforehand.
+        read_mean: gives the mean (n,) or (B, n).
+        read_cov: gives the covariance (n, n) or (B, n, n).
     """
 
     def __init__(self, filter: Filter, model: Model, mean: np.ndarray, cov: np.ndarray) -> None:
@@ -45,10 +47,10 @@ class LaneState:
         single = self.dtype == np.float32
         self._run = driver(single)["record"]
         tracks = slice(None) if self._batched else 0
-        self._mean = self.rows[tracks, : low.n]
+        self.read_mean = ready(None, None, len(self.rows), (), (self.rows[tracks, : low.n],), kept=self.rows)
         P, factors = np.empty((len(self.rows), low.n, low.n), self.dtype), self.rows[:, low.n :]
         squaring = Squares(low.n, low.packing.size, 1, pointer(factors), pointer(P))
-        self._cov = ready(driver(single)["squares"], squaring, len(P), (), (P[tracks],), kept=factors)
+        self.read_cov = ready(driver(single)["squares"], squaring, len(P), (), (P[tracks],), kept=factors)
         self.whole: dict[str | None, Callable[..., Any]] = {
             (s if model.several else None): self._ready(s, size, True, None, None) for s, size in named.items()
         }
@@ -65,22 +67,12 @@ class LaneState:
         self.rows[:] = self.packing.packed(batched)
 
     @property
-    def mean(self) -> np.ndarray:
-        """(n,) or (B, n)."""
-        return self._mean.copy()
-
-    @property
     def factor(self) -> np.ndarray:
         """(n, n) or (B, n, n)."""
         n = self.packing.n
         S = np.zeros((len(self.rows), n * n), self.dtype)
         S[:, np.flatnonzero(np.tri(n))] = self.rows[:, n : n + n * (n + 1) // 2]
         return S.reshape(-1, n, n) if self._batched else S.reshape(n, n)
-
-    @property
-    def cov(self) -> np.ndarray:
-        """(n, n) or (B, n, n)."""
-        return self._cov()
 
     def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""

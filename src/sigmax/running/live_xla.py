@@ -38,8 +38,7 @@ class XlaState:
         cov = np.broadcast_to(cov, (*mean.shape, mean.shape[-1]))
         return cls(filter, model, _started(filter, batch_last(mean, 1), batch_last(cov, 2)))
 
-    @property
-    def mean(self) -> np.ndarray:
+    def read_mean(self) -> np.ndarray:
         """(n,) or (B, n)."""
         return np.asarray(self.belief.mean).T
 
@@ -49,8 +48,7 @@ class XlaState:
         S = np.asarray(self.belief.factor)
         return np.moveaxis(S, -1, 0) if S.ndim == 3 else S
 
-    @property
-    def cov(self) -> np.ndarray:
+    def read_cov(self) -> np.ndarray:
         """(n, n) or (B, n, n)."""
         made: np.ndarray = covariances(self.factor)
         return made

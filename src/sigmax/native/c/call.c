@@ -78,7 +78,8 @@ static PyObject *called(PyObject *self, PyObject *const *values, Py_ssize_t coun
         if (taken < 0) return NULL;
         if (!taken) Py_RETURN_NOTIMPLEMENTED;
     }
-    if (c->unlocked) {
+    if (!c->function) { /* only to be read */
+    } else if (c->unlocked) {
         Py_BEGIN_ALLOW_THREADS
         c->function(c->job, 0, 1);
         Py_END_ALLOW_THREADS
