@@ -69,7 +69,7 @@ def main(
             progress.update(bar, description=f"{filter}, {n} states, {m} measured", advance=1)
             rows.append(measured(filter, n, m))
         progress.update(bar, advance=1)
-    machine = ", ".join(f"{value}" for _, value in description(load_average)[:2])
+    machine = "; ".join(f"{what}: {value}" for what, value in description(load_average)[:2])
     note = (
         f"Lowering and compiling is the first call less a later one. A step is that of one of {TRACKS} tracks over "
         f"{STEPS} steps, on all cores. {machine}."
