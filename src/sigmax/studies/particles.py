@@ -29,8 +29,9 @@ def particles(
     """Mean and covariance of the posterior of each run, by sequential importance sampling with resampling.
 
     Weights are kept as logarithms; a run is resampled systematically where less than half of its particles
-    count. The proposal "guided" draws the noise of the motion given the measurement, the sensor being
-    linearised at each particle; "bootstrap" draws it as the motion does. O(runs × steps × particles).
+    count. The proposal "guided" draws the noise of half of the particles given the measurement, the sensor being
+    linearised at each, and weighs all by the mixture of both; "bootstrap" draws it as the motion does.
+    O(runs × steps × particles).
 
     Args:
         study: what truth and filters share.
@@ -79,9 +80,9 @@ def _runs(
     for t, dt in enumerate(study.elapsed):
         measured = np.repeat(z[:, t], M, axis=0)
         u = np.broadcast_to(inputs[t], (B * M, inputs.shape[1]))
-        moved, gained = mapped(
-            move, x.reshape(B * M, n), rng.standard_normal((B * M, n)), measured, np.full(B * M, dt), u, backend=backend
-        )
+        blind = np.arange(B * M) % 2.0
+        given = (x.reshape(B * M, n), rng.standard_normal((B * M, n)), blind, measured, np.full(B * M, dt), u)
+        moved, gained = mapped(move, *given, backend=backend)
         escaped = ~(np.isfinite(moved).all(1) & np.isfinite(gained))
         moved[escaped], gained[escaped] = 0.0, -np.inf
         x = moved.reshape(B, M, n)
@@ -119,7 +120,7 @@ def _resampled(x: np.ndarray, share: np.ndarray, offset: np.ndarray, N: int) -> 
 
 @lru_cache(maxsize=16)
 def _functions(model: Model, measured: tuple[tuple[str, int], ...], proposal: str) -> Callable[..., Any]:
-    """(x, w, z, dt, u) -> the particle dt later and the logarithm of what its weight gains."""
+    """(x, w, blind, z, dt, u) -> the particle dt later and the logarithm of what its weight gains."""
     disturbed, root = mover(model), noise_root(model.Q)
 
     def misses(x: Any, z: Any, u: Any) -> list[tuple[Any, Any, Any]]:
@@ -143,25 +144,34 @@ def _functions(model: Model, measured: tuple[tuple[str, int], ...], proposal: st
             total = total - 0.5 * (miss**2).sum() - volume
         return total
 
-    def bootstrap(x: Any, w: Any, z: Any, dt: Any, u: Any) -> Any:
+    def bootstrap(x: Any, w: Any, blind: Any, z: Any, dt: Any, u: Any) -> Any:
         moved = disturbed(x, w, dt, u)
         return moved, likelihood(moved, z, u)
 
-    def guided(x: Any, w: Any, z: Any, dt: Any, u: Any) -> Any:
+    def guided(x: Any, w: Any, blind: Any, z: Any, dt: Any, u: Any) -> Any:
         centre = wrap(moving(model, dt, u, False)(x), model.angular)
         L = dense(motion_noise(model, root, x, dt, u)[0])
 
         def missed(noise: Any) -> Any:
             return jnp.concatenate([miss for miss, *_ in misses(centre + times(L, noise), z, u)])
 
-        # The miss as a straight line of the noise w: then noise given z is N(μ, (C Cᵀ)⁻¹).
-        A = -jax.jacfwd(missed)(jnp.zeros_like(x))
-        C, _ = cholesky(square(A.T) + jnp.eye(len(x)))
-        inverse = inverse_lower(C)
-        centred = times(inverse, (A * missed(jnp.zeros_like(x))[:, None]).sum(0))
-        noise = times(inverse.T, centred + w)
+        def solved(at: Any) -> tuple[Any, Any]:
+            """With the miss as a straight line of the noise around `at`, noise given z is N(μ, (C Cᵀ)⁻¹)."""
+            A = -jax.jacfwd(missed)(at)
+            C, _ = cholesky(square(A.T) + jnp.eye(len(x)))
+            inverse = inverse_lower(C)
+            target = missed(at) + (A * at).sum(1)
+            return times(inverse.T, times(inverse, (A * target[:, None]).sum(0))), C
+
+        # Around what the first line gives, for the sensor may bend between.
+        middle, C = solved(solved(jnp.zeros_like(x))[0])
+        noise = jnp.where(blind > 0, w, middle + times(inverse_lower(C).T, w))
         moved = wrap(centre + times(L, noise), model.angular)
+        # Half of the particles move blindly: a line that is wrong must not leave a part of the posterior empty.
+        off = times(C.T, noise - middle)
         volume = sum(jnp.log(C[i, i]) for i in range(len(x)))
-        return moved, likelihood(moved, z, u) - 0.5 * (noise**2).sum() + 0.5 * (w**2).sum() - volume
+        aimed, free = volume - 0.5 * (off**2).sum(), -0.5 * (noise**2).sum()
+        mixed = jnp.maximum(aimed, free) + jnp.log1p(jnp.exp(-jnp.abs(aimed - free)))
+        return moved, likelihood(moved, z, u) + free - mixed + jnp.log(2.0)
 
     return guided if proposal == "guided" else bootstrap
