@@ -51,6 +51,7 @@ def difference(folder, *flags, compiler=("cc",), run=()):
         ("rover-beacon", "SRUKFB"),
         ("radar-ca", "EIF"),
         ("position-cv", "KF"),
+        ("radar-offset", "TSCKF"),
     ],
 )
 def test_exported_filters_compile_strictly_and_agree(name, filter, tmp_path):

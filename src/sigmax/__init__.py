@@ -14,11 +14,34 @@ _HOME = {
     "sigmax.export": ("export_c",),
     "sigmax.filters": ("Filter", "catalogue", "get", "names"),
     "sigmax.forms": ("Form",),
-    "sigmax.models": ("Gaussian", "Model", "Motion", "Sensor", "angle", "motions", "sensors", "with_derivatives"),
+    "sigmax.models": (
+        "Bias",
+        "Gaussian",
+        "Model",
+        "Motion",
+        "Sensor",
+        "angle",
+        "fused",
+        "motions",
+        "sensors",
+        "with_derivatives",
+    ),
     "sigmax.models.builtin": ("builtin",),
-    "sigmax.rules": ("SigmaPoints", "SigmaSet", "Taylor1", "Taylor2", "sigma_set"),
+    "sigmax.rules": ("Marginal", "SigmaPoints", "SigmaSet", "Taylor1", "Taylor2", "sigma_set"),
+    "sigmax.running": (
+        "Contribution",
+        "Fault",
+        "Fit",
+        "Live",
+        "Result",
+        "Smoothed",
+        "absorb",
+        "contribution",
+        "fit",
+        "run",
+        "smooth",
+    ),
     "sigmax.studies": ("Comparison", "Study", "compare", "load_studies", "undisturbed"),
-    "sigmax.running": ("Fault", "Fit", "Live", "Result", "Smoothed", "fit", "run", "smooth"),
 }
 _WHERE = {name: module for module, names in _HOME.items() for name in names}
 _MODULES = ("forms", "records", "reports", "rules")
@@ -30,14 +53,16 @@ if TYPE_CHECKING:
     from sigmax.export import export_c
     from sigmax.filters import Filter, catalogue, get, names
     from sigmax.forms import Form
-    from sigmax.models import Gaussian, Model, Motion, Sensor, angle, motions, sensors, with_derivatives
+    from sigmax.models import Bias, Gaussian, Model, Motion, Sensor, angle, fused, motions, sensors, with_derivatives
     from sigmax.models.builtin import builtin
-    from sigmax.rules import SigmaPoints, SigmaSet, Taylor1, Taylor2, sigma_set
-    from sigmax.running import Fault, Fit, Live, Result, Smoothed, fit, run, smooth
+    from sigmax.rules import Marginal, SigmaPoints, SigmaSet, Taylor1, Taylor2, sigma_set
+    from sigmax.running import Contribution, Fault, Fit, Live, Result, Smoothed, absorb, contribution, fit, run, smooth
     from sigmax.studies import Comparison, Study, compare, load_studies, undisturbed
 
 __all__ = [
+    "Bias",
     "Comparison",
+    "Contribution",
     "Fault",
     "Filter",
     "Fit",
@@ -45,6 +70,7 @@ __all__ = [
     "Gaussian",
     "InputError",
     "Live",
+    "Marginal",
     "Model",
     "Motion",
     "Result",
@@ -55,13 +81,16 @@ __all__ = [
     "Study",
     "Taylor1",
     "Taylor2",
+    "absorb",
     "angle",
     "builtin",
     "catalogue",
     "compare",
+    "contribution",
     "export_c",
     "fit",
     "forms",
+    "fused",
     "get",
     "load_studies",
     "motions",

@@ -94,15 +94,29 @@ def test_one_bad_track_spoils_no_other():
 
 
 def test_an_indefinite_correction_is_a_defined_event():
-    """A centre weight so negative that R + Ω has no real factor: flagged, the state kept."""
+    """A centre weight so negative that R + Ω has no real factor: flagged, and done without it."""
     model = sigmax.Model(motion=lambda x, dt: x, sensor=lambda x: x**2, Q=[0.0], R=[1e-6], state=["x"])
     filter = sigmax.Filter(
         sigmax.Taylor1(), sigmax.SigmaPoints(sigmax.rules.scaled, alpha=1.0, beta=-4.0, kappa=1.0), sigmax.forms.block
     )
-    got = sigmax.run(filter, model, sigmax.Gaussian([0.0], [1.0]), np.ones((2, 1)))
-    assert got.fault.tolist() == [int(sigmax.Fault.CORRECTION_INDEFINITE)] * 2
-    assert got.mean.tolist() == [[0.0], [0.0]]
-    assert np.isnan(got.nis).all()
+    given = model, sigmax.Gaussian([0.0], [1.0]), np.ones((2, 1))
+    got = sigmax.run(filter, *given)
+    assert got.fault.tolist() == [int(sigmax.Fault.CORRECTION_WIDENED)] * 2
+    assert not got.ok.any()
+    assert "without them" in got.faults()[0]
+    # Without the weight of the centre in covariances the rule is this one.
+    points = np.sqrt(2.0) * np.array([[1.0], [-1.0], [0.0]])
+    positive = sigmax.sigma_set(points, [0.25, 0.25, 0.5], centre_covariance=0.0)
+    without = sigmax.SigmaPoints(lambda n: positive)
+    same = sigmax.run(sigmax.Filter(sigmax.Taylor1(), without, sigmax.forms.block), *given)
+    assert same.ok.all()
+    assert np.allclose(got.mean, same.mean, rtol=1e-12, atol=0)
+    assert np.allclose(got.nis, same.nis, rtol=1e-12, atol=0)
+    for backend in ("native", "xla"):
+        for form in (sigmax.forms.covariance, sigmax.forms.information["exact"]):
+            other = sigmax.run(sigmax.Filter(sigmax.Taylor1(), filter.correct, form), *given, backend=backend)
+            assert np.array_equal(other.fault, got.fault)
+            assert np.allclose(other.cov, got.cov, rtol=1e-9)
 
 
 def test_a_component_known_exactly_stays_known():

@@ -16,7 +16,7 @@ from sigmax.filters import Filter
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.native import Refused
-from sigmax.running.edge import as_filter, cast, prepare, run_type
+from sigmax.running.edge import as_filter, prepare, run_type
 from sigmax.running.lowered import with_numbers
 
 # Largest difference of the test program: rounding of another order of operations, grown over the steps.
@@ -68,11 +68,14 @@ def export_c(
     chosen, dtype, prefix = as_filter(filter), run_type(dtype), identifier(name)
     if prior.mean.ndim != 1:
         raise InputError("an exported filter starts from one prior, not from a batch")
+    if model.fusion is not None:
+        raise InputError("export the model with its sensors apart: an exported filter takes one sensor at a time")
     u = None if inputs is None else np.asarray(inputs, float)
     sizes = _sizes(model, u)
     nothing = {s: np.full((1, m), np.nan) for s, m in sizes.items()}
-    prepare(chosen, model, prior, nothing if model.several else nothing[""], dt, None if u is None else u[None], dtype)
-    low = with_numbers(chosen, cast(model, dtype), 0 if u is None else len(u), dtype)
+    z = nothing if model.several else nothing[""]
+    ready = prepare(chosen, model, prior, z, dt, None if u is None else u[None], dtype)
+    low = with_numbers(ready.filter, ready.model, 0 if u is None else len(u), dtype)
     try:
         programs = {"start": low.program("start"), "predict": low.program("predict")}
         programs |= {s: low.program("correct", s, m) for s, m in sizes.items()}
@@ -80,18 +83,19 @@ def export_c(
         raise InputError(f"this model cannot be exported: {error}") from error
     parts = {s: identifiers(model.measurement[s] or [f"z{i}" for i in range(m)]) for s, m in sizes.items()}
     carried = low.packing.size - low.n * (low.n + 3) // 2
-    names = Names(prefix, identifiers(model.state), parts, carried, 0 if u is None else len(u))
+    names = Names(prefix, identifiers(ready.model.joint_state), parts, carried, 0 if u is None else len(u))
     single = dtype == np.float32
     vectors = recorded(chosen, model, prior, dt, u, dtype)
-    if vectors.fault.any():
+    if (vectors.fault > 0).any():
         step = int(np.argmax(vectors.fault > 0))
         raise InputError(f"{chosen.name} fails on the simulated test record at step {step}")
+    start = Gaussian(ready.mean, ready.cov)
     head = _head(chosen, model, name, about, single)
     out = Path(folder)
     texts = {
         f"{prefix}.h": header(names, head, single),
         f"{prefix}.c": source(names, programs, head, single),
-        f"test_{prefix}.c": test_program(names, vectors, prior, single, _TOLERANCE[str(dtype)]),
+        f"test_{prefix}.c": test_program(names, vectors, start, single, _TOLERANCE[str(dtype)]),
         "Makefile": makefile(prefix),
     }
     try:
@@ -123,6 +127,7 @@ def _head(filter: Filter, model: Model, name: str, about: str, single: bool) -> 
         f"numbers are {'float' if single else 'double'}.",
         "SI units and radians. Nothing is allocated, nothing but libm is called, every call does the same operations.",
         f"Q per second{_numbers(model.Q)}.",
+        *([] if model.bias is None else [f"Q per second of the bias{_numbers(model.bias.Q)}."]),
         *(f"R{f' of {s}' if s else ''}{_numbers(R)}." for s, R in model.R.items()),
     ]
     return "\n".join(lines)

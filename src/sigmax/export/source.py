@@ -81,7 +81,8 @@ def header(names: Names, about: str, single: bool) -> str:
         comment(about),
         f"#ifndef {guard}\n#define {guard}\n",
         f"/* Places of the components in the mean. */\nenum {{ {places} }};\n",
-        f"/* What the functions return: 0, or why the step was not made; the state stays as it was then. */\n"
+        f"/* What the functions return: 0; above 0 why the step was not made, the state stays as it was then;\n"
+        f"   below 0 that it was made without the negative weights of the sigma set. */\n"
         f"enum {{\n{faults}\n}};\n",
         "/* What is known: P = S S', S lower triangular with its rows one after the other. */\n"
         f"typedef struct {{\n    {real} mean[{n}]; /* {', '.join(names.state)} */\n"

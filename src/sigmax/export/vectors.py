@@ -9,7 +9,8 @@ import numpy as np
 
 from sigmax.filters import Filter
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model, takes
+from sigmax.models.model import Model
+from sigmax.models.noise import takes
 from sigmax.running import run
 
 STEPS = 60
@@ -61,7 +62,8 @@ def recorded(
             seen[s].append(z)
     z = {s: np.array(rows) for s, rows in seen.items()}
     result = run(filter, model, prior, z if model.several else z[""], dt=elapsed, inputs=u, dtype=dtype)
-    return Vectors(elapsed, u, z, result.mean, result.factor, result.nis, result.fault)
+    mean, factor, fault = result.kept()
+    return Vectors(elapsed, u, z, mean, factor, result.nis, fault)
 
 
 def _seen(sensor: Callable[..., Any], given: tuple[Any, ...], x: Any) -> Any:

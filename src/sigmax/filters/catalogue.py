@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters.filter import Filter
-from sigmax.forms import Form, block, covariance, information, square_root
+from sigmax.forms import Form, block, covariance, information, root_information, square_root, two_stage
 from sigmax.rules import (
+    Marginal,
     Rule,
     SigmaPoints,
     Taylor1,
@@ -96,15 +97,48 @@ def _block() -> Form:
 
 
 def _information(information: str = "exact") -> Form:
+    return _INFORMATION[_kind_of(information)]
+
+
+def _kind_of(information: str) -> str:
     if information not in _INFORMATION:
         raise unknown("kind of information form", information, _INFORMATION)
-    return _INFORMATION[information]
+    return information
 
 
+def _root_information() -> Form:
+    return root_information
+
+
+def _two_stage() -> Form:
+    return two_stage["covariance"]
+
+
+def _two_stage_information(information: str = "exact") -> Form:
+    return two_stage[_kind_of(information)]
+
+
+def _marginal3(points: str = "state") -> Rule:
+    return Marginal(_cubature3(), exact=_projected(points))
+
+
+def _marginal5(points: str = "state") -> Rule:
+    return Marginal(_cubature5(), exact=_projected(points))
+
+
+def _projected(points: str) -> bool:
+    if points not in _POINTS:
+        raise unknown("kind of points", points, _POINTS)
+    return points == "projected"
+
+
+_POINTS = ("state", "projected")
 _INFORMATION = information
 _T1, _T2, _T2H, _SO = _taylor1, _taylor2_motion, _taylor2_sensor, _second_order_motion
 _U, _C3, _C5, _SX, _GH = _unscented, _cubature3, _cubature5, _simplex, _gauss_hermite
-_P, _S, _B, _Y = _covariance, _square_root, _block, _information
+_M3, _M5 = _marginal3, _marginal5
+_P, _S, _B, _Y, _R = _covariance, _square_root, _block, _information, _root_information
+_TP, _TY = _two_stage, _two_stage_information
 
 _ENTRIES: dict[str, Entry] = {
     "KF": Entry(_T1, _T1, _P, "linear Kalman filter; refuses a model that is not linear"),
@@ -145,6 +179,19 @@ _ENTRIES: dict[str, Entry] = {
     "HCIF": Entry(_C5, _C5, _Y, "cubature of degree 5, information"),
     "PIF": Entry(_T2, _T2H, _Y, "polynomial, information"),
     "SOIF": Entry(_SO, _T2H, _Y, "second order, information"),
+    "SREIF": Entry(_T1, _T1, _R, "extended, square-root information"),
+    "SRUIF": Entry(_U, _U, _R, "unscented, square-root information"),
+    "SRCIF": Entry(_C3, _C3, _R, "cubature, square-root information"),
+    "SRHCIF": Entry(_C5, _C5, _R, "cubature of degree 5, square-root information"),
+    "TSEKF": Entry(_T1, _T1, _TP, "extended in two stages, bias and state (Hsieh)"),
+    "TSCKF": Entry(_C3, _C3, _TP, "cubature in two stages"),
+    "TSHCKF": Entry(_C5, _C5, _TP, "cubature of degree 5 in two stages"),
+    "TSCIF": Entry(_C3, _C3, _TY, "cubature information in two stages"),
+    "TSHCIF": Entry(_C5, _C5, _TY, "cubature information of degree 5 in two stages (Zhang et al., corrected)"),
+    "MTSCKF": Entry(_M3, _M3, _P, "cubature on the state alone, the bias integrated exactly"),
+    "MTSHCKF": Entry(_M5, _M5, _P, "cubature of degree 5 on the state alone, the bias integrated exactly"),
+    "MTSCIF": Entry(_M3, _M3, _Y, "cubature information on the state alone"),
+    "MTSHCIF": Entry(_M5, _M5, _Y, "cubature information of degree 5 on the state alone"),
 }
 
 

@@ -3,6 +3,17 @@
 from sigmax.forms.covariance import covariance
 from sigmax.forms.form import Corrected, Form, Predicted
 from sigmax.forms.information import information
-from sigmax.forms.square_root import block, square_root
+from sigmax.forms.square_root import block, root_information, square_root
+from sigmax.forms.two_stage import two_stage
 
-__all__ = ["Corrected", "Form", "Predicted", "block", "covariance", "information", "square_root"]
+__all__ = [
+    "Corrected",
+    "Form",
+    "Predicted",
+    "block",
+    "covariance",
+    "information",
+    "root_information",
+    "square_root",
+    "two_stage",
+]

@@ -14,7 +14,7 @@ def _invert(S: jax.Array) -> jax.Array:
     return inner(inverse, inverse)
 
 
-def _factor_of_inverse(Y: jax.Array) -> tuple[jax.Array, jax.Array]:
+def factor_of_inverse(Y: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Lower S with S Sᵀ = Y⁻¹, from the factor of Y with rows and columns reversed: no P is formed."""
     flipped, sound = cholesky(Y[::-1, ::-1])
     upper = flipped[::-1, ::-1]
@@ -32,7 +32,7 @@ def _correct(exact: bool, S: jax.Array, Y: jax.Array, line: Linearization, Lr: M
     A = product(line.slope, inverse_lower(S))
     root = solve_lower(Lw, A)
     information = Y + inner(root, root)
-    factor, sound = _factor_of_inverse(information)
+    factor, sound = factor_of_inverse(information)
     gradient = times(root.swapaxes(0, 1), solve_lower(Lw, nu))
     shift = times(factor, times(factor.swapaxes(0, 1), gradient))
     Sy, innovation_sound = cholesky(spread_of(line, Lr))

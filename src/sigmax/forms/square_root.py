@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from sigmax.algebra.arrays import outer, product, times
-from sigmax.algebra.factor import Matrix, absorb, add, dense, downdate, inverse_lower, solve_lower, tria
+from sigmax.algebra.factor import Diagonal, Matrix, absorb, add, dense, downdate, inverse_lower, solve_lower, tria
 from sigmax.forms.form import Corrected, Form, Predicted
 from sigmax.rules.linearization import Linearization
 
@@ -47,9 +47,24 @@ def _correct_block(S: jax.Array, carried: tuple[()], line: Linearization, Lr: Ma
     return Corrected(times(gain, whitened), tria(rest), (), whitened, Sy, sound)
 
 
+def _correct_information(S: jax.Array, carried: tuple[()], line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
+    """The sum of information in units of S: S⁺ = S D, D Dᵀ = (I + Gᵀ G)⁻¹, G = R̃⁻¹ E; no inverse of S or P."""
+    Lr, sound = _noise(line, Lr)
+    whitening = dense(Lr)
+    G, weighted = solve_lower(whitening, line.slope), solve_lower(whitening, nu)
+    one = Diagonal(jnp.ones(G.shape[1:], G.dtype))
+    # The factor of I + Gᵀ G with rows and columns reversed is upper; the transposed inverse of that is lower.
+    upper = add(one, G.swapaxes(0, 1)[::-1])[::-1, ::-1]
+    D = inverse_lower(upper.swapaxes(0, 1))
+    shift = times(S, times(D, times(D.swapaxes(0, 1), times(G.swapaxes(0, 1), weighted))))
+    Sy = add(Lr, line.slope)
+    return Corrected(shift, product(S, D), (), solve_lower(Sy, nu), Sy, sound)
+
+
 def _nothing(S: jax.Array) -> tuple[()]:
     return ()
 
 
 square_root = Form("square root", _nothing, _predict, _correct_twice)
 block = Form("square root, block", _nothing, _predict, _correct_block)
+root_information = Form("square root, information", _nothing, _predict, _correct_information)

@@ -8,6 +8,7 @@ import numpy as np
 
 from sigmax.errors import unknown
 from sigmax.models import motions, sensors
+from sigmax.models.bias import Bias
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.parts import Motion, Sensor
@@ -141,6 +142,26 @@ def _rover_beacon() -> Scenario:
     )
 
 
+def _radar_offset() -> Scenario:
+    straight, radar = motions.constant_velocity(("north", "east")), sensors.range_azimuth()
+    offset = Gaussian([0.0, 0.0], np.square([50.0, np.deg2rad(1.0)]))
+    model = Model(
+        motion=straight,
+        sensor=radar,
+        Q=straight.noise(density=0.5),
+        R=np.square([30.0, np.deg2rad(0.1)]),
+        bias=Bias(
+            sensor=np.eye(2),
+            Q=np.square([0.1, np.deg2rad(0.001)]),
+            prior=offset,
+            names=("range_offset", "azimuth_offset"),
+        ),
+    )
+    prior = Gaussian([20e3, 10e3, -70.0, 90.0], np.square([200.0, 200.0, 20.0, 20.0]))
+    about = "constant velocity seen by a radar with unknown offsets of range and azimuth: a random bias"
+    return Scenario(model, prior, 2.0, None, False, about)
+
+
 BUILTIN: dict[str, Callable[[], Scenario]] = {
     "radar-ct": _radar_ct,
     "radar-ct-cartesian": _radar_ct_cartesian,
@@ -148,6 +169,7 @@ BUILTIN: dict[str, Callable[[], Scenario]] = {
     "position-cv": _position_cv,
     "bearings-singer": _bearings_singer,
     "rover-beacon": _rover_beacon,
+    "radar-offset": _radar_offset,
 }
 
 

@@ -6,24 +6,81 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.arrays import lift, spread
-from sigmax.algebra.factor import Diagonal, Matrix, cholesky, safe_sqrt
-from sigmax.models.model import Model, Noise, takes
-from sigmax.rules.linearization import Function
+from sigmax.algebra.arrays import lift, spread, total
+from sigmax.algebra.factor import Diagonal, Matrix, block_diagonal, cholesky, safe_sqrt
+from sigmax.models.model import Model
+from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, takes
+from sigmax.rules.linearization import Function, Linearization, Rule
 
 Noisy = tuple[Matrix, jax.Array]
 
 
-def moving(model: Model, dt: jax.Array, u: jax.Array | None, batched: bool) -> Function:
-    """The motion over dt () or (B,), with inputs (k,) or (k, B)."""
+def linearized_motion(
+    rule: Rule, model: Model, x: jax.Array, S: jax.Array, dt: jax.Array, u: jax.Array | None
+) -> Linearization:
+    """The motion by a rule about N(x, S Sᵀ); a bias stays as it is, which no rule needs to find out."""
+    line = rule(moving(model, x, dt, u), x, S, model.angular)
+    if model.bias is None:
+        return line
+    at, first = model.offsets, model.bias.first
+
+    def rows(state: jax.Array, bias: jax.Array) -> jax.Array:
+        return jnp.concatenate([bias, state] if first else [state, bias])
+
+    residual, deficit = (
+        rows(N, jnp.zeros((model.biases, *N.shape[1:]), N.dtype)) for N in (line.residual, line.deficit)
+    )
+    return Linearization(rows(line.mean, x[at]), rows(line.slope, S[at]), residual, deficit)
+
+
+def moving(model: Model, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Function:
+    """The motion of the state over dt () or (B,), with inputs (k,) or (k, B); what depends on the estimate takes x."""
     arguments = [(dt, 0)] + ([(u, 1)] if model.motion_inputs and u is not None else [])
-    return lift(model.motion, arguments, batched)
+    f = lift(model.motion, arguments, x.ndim > 1)
+    return f if model.bias is None else _biased(f, model, x, (dt, 0), model.bias.motion, u)
 
 
-def sensing(model: Model, sensor: str, u: jax.Array | None, batched: bool) -> Function:
-    """A sensor with inputs (k,) or (k, B)."""
+def sensing(model: Model, sensor: str, x: jax.Array, u: jax.Array | None) -> Function:
+    """A sensor with inputs (k,) or (k, B); what depends on the estimate takes x."""
     arguments = [(u, 1)] if model.sensor_inputs[sensor] and u is not None else []
-    return lift(model.sensors[sensor], arguments, batched)
+    h = lift(model.sensors[sensor], arguments, x.ndim > 1)
+    return h if model.bias is None else _biased(h, model, x, None, model.bias.sensor.get(sensor), u)
+
+
+def in_domain(model: Model, batched: bool) -> Function | None:
+    """The model's domain on all that an engine carries, None without one."""
+    if model.domain is None:
+        return None
+    state = lift(model.domain, [], batched)
+    if model.bias is None:
+        return state
+    own = model.own
+    return lambda x: jnp.concatenate([x[: own.start], state(x[own]), x[own.stop :]])
+
+
+def _biased(
+    g: Function, model: Model, x: jax.Array, dt: tuple[jax.Array, int] | None, given: Any, u: jax.Array | None
+) -> Function:
+    """G of the state and what the bias adds to it."""
+    own, at = model.own, model.offsets
+    if given is None:
+        return lambda X: g(X[own])
+    C = _evaluated(given, x[own], dt, u)[0] if callable(given) else jnp.asarray(given).astype(x.dtype)
+
+    def added(b: jax.Array) -> jax.Array:
+        """C b for b (p, …), C (r, p) or one for each member of the batch, (r, p, B)."""
+        between = (1,) * (b.ndim + 1 - C.ndim)
+        return total([C[:, j].reshape(C.shape[:1] + between + C.shape[2:]) * b[j] for j in range(C.shape[1])])
+
+    return lambda X: g(X[own]) + added(X[at])
+
+
+NoiseRoots = tuple[Matrix | None, Matrix | None]
+
+
+def noise_roots(model: Model) -> NoiseRoots:
+    """The factors of the noises of motion and bias that are given as numbers, None for a function."""
+    return noise_root(model.Q), None if model.bias is None else noise_root(model.bias.Q)
 
 
 def noise_root(Q: Noise) -> Matrix | None:
@@ -35,11 +92,20 @@ def noise_root(Q: Noise) -> Matrix | None:
     return cholesky(jnp.asarray(Q))[0]
 
 
-def motion_noise(model: Model, root: Matrix | None, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Noisy:
-    """Factor of the covariance of the motion's noise over dt, and whether it is one."""
+def motion_noise(model: Model, roots: NoiseRoots, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Noisy:
+    """Factor of the covariance of the noise over dt, of state and bias, and whether it is one."""
+    at = x[model.own]
+    Lq, sound = _over(model.Q, roots[0], at, dt, u)
+    if model.bias is None:
+        return Lq, sound
+    Lb, bias_sound = _over(model.bias.Q, roots[1], at, dt, u)
+    return block_diagonal(*((Lb, Lq) if model.bias.first else (Lq, Lb))), sound & bias_sound
+
+
+def _over(Q: Noise, root: Matrix | None, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Noisy:
     batch = x.shape[1:]
     if root is None:
-        return _factored(*_evaluated(model.Q, x, (dt, 0), u), batch)
+        return _factored(*_evaluated(Q, x, (dt, 0), u), batch)
     elapsed = safe_sqrt(dt)[0]
     if isinstance(root, Diagonal):
         entries = spread(root.entries, 1, batch) * elapsed
@@ -47,11 +113,11 @@ def motion_noise(model: Model, root: Matrix | None, x: jax.Array, dt: jax.Array,
     return spread(root, 2, batch) * elapsed, jnp.isfinite(elapsed) & jnp.ones(batch, bool)
 
 
-def sensor_noise(R: Noise, x: jax.Array, u: jax.Array | None, seen: jax.Array) -> Noisy:
+def sensor_noise(model: Model, R: Noise, x: jax.Array, u: jax.Array | None, seen: jax.Array) -> Noisy:
     """Factor of a sensor's noise; components that were not `seen` (m, ...) get a noise of their own, 1."""
     batch = x.shape[1:]
     if callable(R):
-        value, batched = _evaluated(R, x, None, u)
+        value, batched = _evaluated(R, x[model.own], None, u)
     else:
         value, batched = (R.entries if isinstance(R, Diagonal) else jnp.asarray(R)), 0
     if value.ndim - batched == 1:
@@ -80,9 +146,9 @@ def _evaluated(
     """
     if dt is None:
         given = [(x, 1), (u, 1)]
-        count = takes(function, "R", (1, 2))
+        count = takes(function, "R", OF_SENSOR)
     else:
-        count = takes(function, "Q", (1, 2, 3))
+        count = takes(function, "Q", OF_MOTION)
         given = [dt] if count == 1 else [(x, 1), dt, (u, 1)]
     used = [(value, core) for value, core in given[:count] if value is not None]
     axes = [-1 if value.ndim > core else None for value, core in used]

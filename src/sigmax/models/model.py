@@ -1,18 +1,15 @@
 """A model: motion, sensors, their noise, and which components are angles."""
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
 import numpy as np
 
-from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
-from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
+from sigmax.models.bias import Bias
+from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, noise, takes
 from sigmax.models.parts import Motion, Sensor
-
-Noise = Any  # an array, a Diagonal of variances, or a function that gives either
 
 
 class angle(str):
@@ -43,6 +40,7 @@ class Model:
         measurement: the same of the measurement, a dict by name where there are several sensors.
         domain: a function x -> x that brings a state back to where it makes sense, such as
             `mirrored_speed`; the covariance follows its derivative.
+        bias: a random bias of motion and sensors, which filters estimate beside the state.
 
     Raises:
         InputError: for shapes, names or matrices that do not fit.
@@ -58,6 +56,7 @@ class Model:
         state: Sequence[str] | None = None,
         measurement: Sequence[str] | Mapping[str, Sequence[str]] | None = None,
         domain: Callable[[Any], Any] | None = None,
+        bias: Bias | None = None,
     ) -> None:
         if isinstance(motion, Motion):
             state = state or motion.state
@@ -78,7 +77,7 @@ class Model:
         self.motion_inputs = takes(self.motion, "motion", (2, 3)) == 3
         self.sensor_inputs = {s: takes(h, s or "sensor", (1, 2)) == 2 for s, h in self.sensors.items()}
         self.state = component_names("state", state, Q, "Q")
-        self.Q = noise("Q", Q, self.state)
+        self.Q = noise("Q", Q, self.state, OF_MOTION)
         by_name = {s: by_sensor(R, s, self.several, "R") for s in self.sensors}
         named = {s: by_sensor(measurement, s, self.several, "measurement") for s in self.sensors}
         named |= {s: named[s] or part.measurement for s, part in parts.items() if isinstance(part, Sensor)}
@@ -87,12 +86,17 @@ class Model:
         for s in self.sensors:
             label = f"R[{s!r}]" if self.several else "R"
             self.measurement[s] = measured_names(named[s], by_name[s], label)
-            self.R[s] = noise(label, by_name[s], self.measurement[s])
+            self.R[s] = noise(label, by_name[s], self.measurement[s], OF_SENSOR)
         if self.several:
             for what, given in (("R", R), ("measurement", measurement)):
                 extra = set(given) - set(self.sensors) if isinstance(given, Mapping) else set()
                 if extra:
                     raise InputError(f"{what} names {sorted(extra)}, the sensors are {sorted(self.sensors)}")
+        if bias is not None and not isinstance(bias, Bias):
+            raise InputError(f"bias must be a sigmax.Bias, it is {type(bias).__name__}")
+        # The blocks of sensors that are corrected together: see `fused`.
+        self.fusion: tuple[Any, ...] | None = None
+        self.bias = None if bias is None else bias.fitted(self.state, self.measurement, self.several)
 
     @property
     def size(self) -> int:
@@ -103,6 +107,56 @@ class Model:
     def angular(self) -> tuple[bool, ...]:
         """Which components of the state are angles."""
         return tuple(isinstance(name, angle) for name in self.state)
+
+    @property
+    def biases(self) -> int:
+        """p, the number of components of the bias; 0 without one."""
+        return 0 if self.bias is None else self.bias.size
+
+    @property
+    def own(self) -> slice:
+        """Where the state stands in what an engine carries."""
+        before = self.biases if self.bias is not None and self.bias.first else 0
+        return slice(before, before + self.size)
+
+    @property
+    def offsets(self) -> slice:
+        """Where the bias stands in what an engine carries."""
+        before = 0 if self.bias is not None and self.bias.first else self.size
+        return slice(before, before + self.biases)
+
+    @property
+    def joint_state(self) -> tuple[str, ...]:
+        """Names of all that an engine carries."""
+        if self.bias is None:
+            return self.state
+        return (*self.bias.names, *self.state) if self.bias.first else (*self.state, *self.bias.names)
+
+    @property
+    def joint_angular(self) -> tuple[bool, ...]:
+        """Which components of what an engine carries are angles; those of a bias are not wrapped."""
+        marked = [False] * (self.size + self.biases)
+        marked[self.own] = self.angular
+        return tuple(marked)
+
+    @property
+    def motion_driven(self) -> bool:
+        """Whether motion, its noise or its bias takes inputs."""
+        others = (self.Q,) if self.bias is None else (self.Q, self.bias.Q, self.bias.motion)
+        return self.motion_inputs or any(callable(f) and takes(f, "Q", OF_MOTION) == 3 for f in others)
+
+    def sensor_driven(self, sensor: str) -> bool:
+        """Whether a sensor, its noise or its bias takes inputs."""
+        others = (self.R[sensor], None if self.bias is None else self.bias.sensor.get(sensor))
+        return self.sensor_inputs[sensor] or any(callable(f) and takes(f, "R", OF_SENSOR) == 2 for f in others)
+
+    def placed(self, first: bool) -> "Model":
+        """The model as an engine takes it: with its bias before or behind the state."""
+        if self.bias is None:
+            return self
+        made = object.__new__(Model)
+        made.__dict__.update(self.__dict__, bias=self.bias.placed(first))
+        return made
 
     def measured_angular(self, sensor: str, size: int) -> tuple[bool, ...]:
         """Which of the `size` components of a sensor are angles."""
@@ -115,12 +169,12 @@ class Model:
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """For JAX: noises given as numbers are data, everything else tells one model from another."""
-        kept = {k: v for k, v in vars(self).items() if k not in ("Q", "R")}
+        kept = {k: v for k, v in vars(self).items() if k not in ("Q", "R", "bias")}
         fixed = tuple((k, tuple(v.items()) if isinstance(v, dict) else v) for k, v in kept.items())
         # A noise that is a function belongs to the model's identity, not to its numbers.
         leaves = tuple(None if callable(v) else v for v in (self.Q, *self.R.values()))
         functions = tuple(v if callable(v) else None for v in (self.Q, *self.R.values()))
-        return leaves, (fixed, functions, tuple(self.R), self.angular, tuple(self.measurement_angles()))
+        return (*leaves, self.bias), (fixed, functions, tuple(self.R), self.angular, tuple(self.measurement_angles()))
 
     def measurement_angles(self) -> list[tuple[bool, ...] | None]:
         """Which components are angles, sensor by sensor."""
@@ -133,26 +187,10 @@ class Model:
         made = object.__new__(cls)
         for key, value in fixed:
             setattr(made, key, dict(value) if key in ("sensors", "sensor_inputs", "measurement") else value)
-        noises = [f if leaf is None else leaf for leaf, f in zip(leaves, functions, strict=True)]
+        made.bias = leaves[-1]
+        noises = [f if leaf is None else leaf for leaf, f in zip(leaves[:-1], functions, strict=True)]
         made.Q, made.R = noises[0], dict(zip(sensors, noises[1:], strict=True))
         return made
-
-
-def takes(function: Callable[..., Any], what: str, allowed: tuple[int, ...]) -> int:
-    """How many of the `allowed` numbers of positional arguments a user's function takes."""
-    try:
-        parameters = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):
-        return allowed[0]
-    positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
-        return allowed[-1]
-    required = sum(p.default is p.empty for p in positional)
-    fitting = [k for k in allowed if required <= k <= len(positional)]
-    if not fitting:
-        wanted = " or ".join(map(str, allowed))
-        raise InputError(f"{what} must take {wanted} positional arguments, it takes {required}")
-    return fitting[0] if required < len(positional) else fitting[-1]
 
 
 def by_sensor(given: Any, sensor: str, several: bool, what: str) -> Any:
@@ -190,34 +228,3 @@ def measured_names(given: Sequence[str] | None, R: Any, label: str) -> tuple[str
     if given is None and callable(R):
         return None
     return component_names("measurement", given, R, label)
-
-
-def noise(label: str, given: Any, components: Sequence[str] | None) -> Noise:
-    """A noise as a function, a diagonal or a matrix.
-
-    Raises:
-        InputError: where it does not fit the components, or is no covariance.
-    """
-    if isinstance(given, Diagonal):
-        return given
-    if callable(given):
-        allowed = (1, 2, 3) if label == "Q" else (1, 2)
-        takes(given, label, allowed)
-        return given
-    value = numbers(label, given)
-    n = len(components) if components is not None else value.shape[-1]
-    if value.ndim == 0 and n == 1:
-        value = value[None]
-    if value.shape == (n,):
-        if not is_traced(value):
-            symmetric_semidefinite(label, np.diag(value))
-        return Diagonal(value)
-    if value.shape != (n, n):
-        raise InputError(
-            f"{label} must be a covariance of shape {(n, n)} or {n} variances, for {list(components or [])}; "
-            f"this one has the shape {value.shape}"
-        )
-    symmetric_semidefinite(label, value)
-    if not is_traced(value) and np.count_nonzero(value - np.diag(np.diagonal(value))) == 0:
-        return Diagonal(np.diagonal(value).copy())
-    return value

@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.models.model import angle, takes
+from sigmax.models.model import angle
+from sigmax.models.noise import takes
 from sigmax.models.parts import Motion, made_once
 from sigmax.models.quadratic import quadratic_function
 from sigmax.models.smooth import cosc, decay, decay2, sinc

@@ -9,7 +9,7 @@ import jax
 
 from sigmax.errors import InputError, unknown
 from sigmax.models import Model, motions
-from sigmax.models.model import takes
+from sigmax.models.noise import takes
 from sigmax.records.description import Column, Description
 from sigmax.records.motion import Moving, read_motion
 from sigmax.records.sensor import Sensing, read_sensor

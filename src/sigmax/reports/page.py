@@ -8,7 +8,7 @@ import numpy as np
 
 import sigmax
 from sigmax.algebra.factor import Diagonal
-from sigmax.models.model import Noise
+from sigmax.models.noise import Noise
 from sigmax.records import Outcome, Record
 from sigmax.reports.document import choices, document, place, section, table
 from sigmax.reports.figures import Figure, Shown, colour, component_figure, limit, nis_figure, path_figure, shown_in

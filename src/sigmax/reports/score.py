@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from sigmax.algebra.factor import Diagonal
-from sigmax.models.model import takes
+from sigmax.models.noise import takes
 from sigmax.records import Outcome, Record
 from sigmax.running import Fault, Result
 
@@ -91,7 +91,7 @@ def rms(values: np.ndarray) -> float:
 
 
 def _faults(record: Record, result: Result) -> tuple[int, str]:
-    places = np.argwhere((result.fault != 0) & record.real)
+    places = np.argwhere((result.fault > 0) & record.real)
     if not len(places):
         return 0, ""
     # The earliest step counts, whatever its track.

@@ -1,10 +1,12 @@
 """Rules: a nonlinear function of a Gaussian replaced by its statistical linear regression."""
 
 from sigmax.rules.linearization import Linearization, Rule
+from sigmax.rules.marginal import Marginal
 from sigmax.rules.sets import (
     SigmaSet,
     cubature,
     gauss_hermite,
+    projected,
     scaled,
     sigma_set,
     simplex,
@@ -15,6 +17,7 @@ from sigmax.rules.taylor import Taylor1, Taylor2
 
 __all__ = [
     "Linearization",
+    "Marginal",
     "Rule",
     "SigmaPoints",
     "SigmaSet",
@@ -22,6 +25,7 @@ __all__ = [
     "Taylor2",
     "cubature",
     "gauss_hermite",
+    "projected",
     "scaled",
     "sigma_set",
     "simplex",

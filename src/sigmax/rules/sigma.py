@@ -41,7 +41,7 @@ class SigmaPoints:
 
     def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """Evaluate g at the points x̂ + S ξ and regress; angles are differences about a reference."""
-        unit = self.points(x.shape[0])
+        unit = self.points(S.shape[1])
         return (_symmetric if len(unit.pairs) else _general)(unit, g, x, S, angular)
 
 

@@ -1,5 +1,6 @@
 """Running filters: a record or a batch in one call, live step by step, backwards, and for a fit."""
 
+from sigmax.running.contributions import Contribution, absorb, contribution
 from sigmax.running.fit import Fit, fit
 from sigmax.running.live import Live
 from sigmax.running.result import Result, Smoothed
@@ -7,4 +8,16 @@ from sigmax.running.run import run
 from sigmax.running.smooth import smooth
 from sigmax.running.step import Fault
 
-__all__ = ["Fault", "Fit", "Live", "Result", "Smoothed", "fit", "run", "smooth"]
+__all__ = [
+    "Contribution",
+    "Fault",
+    "Fit",
+    "Live",
+    "Result",
+    "Smoothed",
+    "absorb",
+    "contribution",
+    "fit",
+    "run",
+    "smooth",
+]

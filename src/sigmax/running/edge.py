@@ -9,7 +9,10 @@ import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter, get
+from sigmax.models.as_one import as_one
+from sigmax.models.bias import joint
 from sigmax.models.checks import finite, is_traced, numbers
+from sigmax.models.fusion import Fused, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.running.functions import check_functions, check_linear
@@ -18,7 +21,10 @@ from sigmax.running.functions import check_functions, check_linear
 class Prepared(NamedTuple):
     """A record ready to run, in the type of the run: the batch first where there is one, then time.
 
+    State and bias of a model that has one stand together, in the order of the filter's form.
+
     Attributes:
+        filter: as it runs on the model.
         model: with its noises in the type of the run.
         mean: (n,) or (B, n).
         cov: (n, n) or (B, n, n).
@@ -26,8 +32,10 @@ class Prepared(NamedTuple):
         dt: (T,) or (B, T).
         u: (T, k) or (B, T, k), or None.
         batch: B, or None; what has no batch of its own is the same for all tracks.
+        fused: what was put together before the run, where sensors are fused.
     """
 
+    filter: Filter
     model: Model
     mean: Any
     cov: Any
@@ -35,6 +43,7 @@ class Prepared(NamedTuple):
     dt: Any
     u: Any
     batch: int | None
+    fused: Fused | None = None
 
 
 def as_filter(filter: Filter | str) -> Filter:
@@ -44,6 +53,20 @@ def as_filter(filter: Filter | str) -> Filter:
     if isinstance(filter, str):
         return get(filter)
     raise InputError(f"a filter is a name such as 'SRCKFB' or made by sigmax.get; this is {type(filter).__name__}")
+
+
+def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model, Gaussian]:
+    """Filter, model and prior as the engines take them: a bias beside the state, where the form wants it.
+
+    Raises:
+        InputError: where the prior does not fit the model.
+    """
+    if prior.size != model.size:
+        raise InputError(f"the prior has {prior.size} components, the model {model.size}: {list(model.state)}")
+    filter, first = filter.on(model.biases), filter.form.bias_first
+    if model.bias is not None:
+        prior = joint(prior, model.bias.starting(), first)
+    return filter, model.placed(first), prior
 
 
 def prepare(filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inputs: Any, dtype: Any) -> Prepared:
@@ -56,15 +79,22 @@ def prepare(filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inpu
         raise InputError(f"model must be a sigmax.Model, it is {type(model).__name__}")
     if not isinstance(prior, Gaussian):
         raise InputError(f"prior must be a sigmax.Gaussian, it is {type(prior).__name__}")
-    if prior.size != model.size:
-        raise InputError(f"the prior has {prior.size} components, the model {model.size}: {list(model.state)}")
+    given, alone = model, prior
+    filter, model, prior = joined(filter, model, prior)
     measured = _measurements(model, z)
     steps = {s: v.shape[-2] for s, v in measured.items()}
     T = next(iter(steps.values()))
     if len(set(steps.values())) > 1:
         raise InputError(f"all sensors need the same number of time steps, NaN where one did not report; got {steps}")
     elapsed = _elapsed(dt, T)
-    u = _inputs(model, inputs, T)
+    u = inputs_given = _inputs(model, inputs, T)
+    fused = None
+    sizes = {s: v.shape[-1] for s, v in measured.items()}
+    if model.fusion is not None:
+        fused = put_together(model, measured, u)
+        model = as_one(model)
+        (name,) = model.sensors
+        measured, u = {name: fused.z}, fused.u
     batches = {f"z[{s!r}]" if s else "z": v.shape[0] for s, v in measured.items() if v.ndim == 3}
     batches |= {"the prior": len(prior.mean)} if prior.mean.ndim == 2 else {}
     batches |= {"the prior's covariance": len(prior.cov)} if prior.cov.ndim == 3 else {}
@@ -74,11 +104,12 @@ def prepare(filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inpu
         raise InputError(f"the batches differ in size: {batches}")
     batch = next(iter(batches.values()), None)
     dtype = run_type(dtype)
-    check_functions(model, prior, elapsed, u, {s: v.shape[-1] for s, v in measured.items()})
+    check_functions(given, alone, elapsed, inputs_given, sizes)
     if filter.linear:
-        check_linear(model, prior, elapsed, u)
+        check_linear(given, alone, elapsed, inputs_given)
 
     return Prepared(
+        filter,
         cast(model, dtype),
         typed(prior.mean, dtype),
         starting_cov(filter, prior, dtype),
@@ -86,6 +117,7 @@ def prepare(filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inpu
         typed(elapsed, dtype),
         None if u is None else typed(u, dtype),
         batch,
+        fused,
     )
 
 
@@ -93,6 +125,17 @@ def laid_out_steps(model: Model, dt: Any, inputs: Any, T: int, dtype: Any) -> tu
     """Dt (T,) or (B, T) and inputs (T, k) or (B, T, k) of a run, checked and in its type."""
     elapsed, u = _elapsed(dt, T), _inputs(model, inputs, T)
     return typed(elapsed, dtype), None if u is None else typed(u, dtype)
+
+
+def seconds_of(dt: float) -> float:
+    """The seconds of a step.
+
+    Raises:
+        InputError: where time runs backwards.
+    """
+    if not dt >= 0:
+        raise InputError(f"dt must be a number of seconds, not negative; it is {dt}")
+    return float(dt)
 
 
 def run_type(dtype: Any) -> np.dtype[Any]:
@@ -119,7 +162,7 @@ def starting_cov(filter: Filter, prior: Gaussian, dtype: Any) -> Any:
         InputError: where the filter needs its inverse and it has none.
     """
     cov = typed(prior.cov, dtype)
-    if "information" in filter.form.name and not is_traced(cov):
+    if filter.form.name.startswith("information") and not is_traced(cov):
         deviation = np.sqrt(np.einsum("...ii->...i", np.asarray(cov, float)))
         known = not deviation.min() > 0
         if not known:
@@ -185,8 +228,8 @@ def _elapsed(dt: Any, T: int) -> Any:
 
 
 def _inputs(model: Model, inputs: Any, T: int) -> Any:
-    wanting = ["motion"] if model.motion_inputs else []
-    wanting += [s or "sensor" for s, takes_inputs in model.sensor_inputs.items() if takes_inputs]
+    wanting = ["motion"] if model.motion_driven else []
+    wanting += [s or "sensor" for s in model.sensors if model.sensor_driven(s)]
     if inputs is None:
         if wanting:
             raise InputError(f"{' and '.join(wanting)} take inputs u; give inputs= with the shape ({T}, k)")

@@ -11,7 +11,8 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model, takes
+from sigmax.models.model import Model
+from sigmax.models.noise import OF_MOTION, OF_SENSOR, takes
 
 
 def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mapping[str, int]) -> None:
@@ -29,19 +30,45 @@ def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mappi
         names = model.measurement[s] or [f"column {i}" for i in range(size)]
         arguments = (x, *given)[: 2 if model.sensor_inputs[s] else 1]
         _shape_of(f"sensor {s!r}" if s else "sensor", model.sensors[s], arguments, size, names)
+    if model.bias is not None:
+        _check_bias(model, given, sizes)
     if is_traced((prior, dt, u)):
         return
     start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0])
     first_dt = np.ravel(dt)[0]
     first_u = () if u is None else (np.reshape(u, (-1, u.shape[-1]))[0],)
     if callable(model.Q):
-        count = takes(model.Q, "Q", (1, 2, 3))
+        count = takes(model.Q, "Q", OF_MOTION)
         _check_noise("Q", model.Q, ((first_dt,) if count == 1 else (start, first_dt, *first_u)[:count]), n)
     for s, size in sizes.items():
         R = model.R[s]
         if callable(R):
             label = f"R[{s!r}]" if s else "R"
-            _check_noise(label, R, (start, *first_u)[: takes(R, label, (1, 2))], size)
+            _check_noise(label, R, (start, *first_u)[: takes(R, label, OF_SENSOR)], size)
+
+
+def _check_bias(model: Model, given: tuple[Any, ...], sizes: Mapping[str, int]) -> None:
+    """Shapes of what a bias adds, where functions give it; a sensor's by the columns that were measured."""
+    assert model.bias is not None
+    p = model.bias.size
+    x, dt = (jax.ShapeDtypeStruct(shape, jnp.float64) for shape in ((model.size,), ()))
+    wanted: list[tuple[str, Any, tuple[Any, ...], int, tuple[int, ...]]] = [
+        ("the motion's bias B", model.bias.motion, (x, dt, *given), model.size, OF_MOTION)
+    ]
+    for s, F in model.bias.sensor.items():
+        label = f"the bias F of the sensor {s!r}" if s else "the sensor's bias F"
+        wanted += [(label, F, (x, *given), sizes[s], OF_SENSOR)] if s in sizes else []
+    for what, C, arguments, rows, allowed in wanted:
+        if C is None:
+            continue
+        if callable(C):
+            count = takes(C, what, allowed)
+            arguments = (dt,) if allowed == OF_MOTION and count == 1 else arguments[:count]
+            shape = _evaluated_shape(C, arguments)
+        else:
+            shape = C.shape
+        if shape != (rows, p):
+            raise InputError(f"{what} must have the shape {(rows, p)}; it has {shape}")
 
 
 def _check_noise(label: str, function: Any, arguments: tuple[np.ndarray, ...], size: int) -> None:

@@ -35,7 +35,7 @@ def started(low: Lowered, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.n
     return np.repeat(made, batch, 0) if alone else made
 
 
-def filtered(filter: Filter, keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]]:
+def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]]:
     """The total log-likelihood and what is kept, by track and time.
 
     Raises:
@@ -44,7 +44,7 @@ def filtered(filter: Filter, keep: frozenset[str], ready: Prepared) -> tuple[Any
     """
     inputs = 0 if ready.u is None else ready.u.shape[-1]
     z = {s: np.ascontiguousarray(v) for s, v in ready.z.items()}
-    low = lowered(filter, ready.model, inputs, ready.mean.dtype)
+    low = lowered(ready.filter, ready.model, inputs, ready.mean.dtype)
     needed = [("predict",), *(("correct", s, v.shape[-1]) for s, v in z.items())]
     _, predict, *corrects = low.need(("start",), *needed)
     n, dtype, B = low.n, low.dtype, 1 if ready.batch is None else ready.batch

@@ -1,24 +1,25 @@
 """A filter at the end of a live sensor: the one object with a state."""
 
-import io
-import zipfile
 from typing import Any
 
-import jax
 import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.models.checks import finite, numbers
+from sigmax.models.fusion import Fused
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model, noise
+from sigmax.models.model import Model
+from sigmax.models.noise import OF_SENSOR, noise
 from sigmax.native import Refused, Unavailable
 from sigmax.running.backend import attempt, native_failed
 from sigmax.running.covariances import covariances
-from sigmax.running.edge import as_filter, cast, run_type, starting_cov, typed
+from sigmax.running.edge import as_filter, cast, joined, run_type, seconds_of, starting_cov, typed
+from sigmax.running.fusing import Members, with_members_live
 from sigmax.running.live_lanes import LaneState
 from sigmax.running.live_xla import XlaState
-from sigmax.running.step import Fault, Innovation
+from sigmax.running.saved import restored, saved
+from sigmax.running.step import Belief, Fault, Innovation
 
 
 class Live:
@@ -47,17 +48,17 @@ class Live:
         dtype: Any = "float64",
         backend: str | None = None,
     ) -> None:
-        self.filter = as_filter(filter)
-        if prior.size != model.size:
-            raise InputError(f"the prior has {prior.size} components, the model {model.size}: {list(model.state)}")
+        self.filter, model, prior = joined(as_filter(filter), model, prior)
+        self.apart = model  # its sensors, where they are fused
+        self._members, model = Members.of(model)
         self._dtype = run_type(dtype)
         self._batched = prior.mean.ndim == 2
         self._tracks = (len(prior.mean),) if self._batched else ()
         self._backend = backend
         # Of the only sensor, where its components are named: what most measurements look like.
-        named = None if model.several else model.measurement[""]
+        named = model.measurement.get("")
         self._shape = None if named is None else (*self._tracks, len(named))
-        self._driven = model.motion_inputs or any(model.sensor_inputs.values())
+        self._driven = model.motion_driven or any(map(model.sensor_driven, model.sensors))
         self.model = cast(model, self._dtype)
         mean = typed(prior.mean, self._dtype)
         cov = starting_cov(self.filter, prior, self._dtype)
@@ -69,18 +70,35 @@ class Live:
     @property
     def mean(self) -> np.ndarray:
         """The estimate (n,) or (B, n)."""
-        return self._state.read_mean()
+        mean = self._state.read_mean()
+        return mean if self.model.bias is None else mean[..., self.model.own]
+
+    @property
+    def bias_mean(self) -> np.ndarray:
+        """The estimate of the bias (p,) or (B, p)."""
+        return self._state.read_mean()[..., self.model.offsets]
+
+    @property
+    def bias_cov(self) -> np.ndarray:
+        """Its covariance (p, p) or (B, p, p)."""
+        return self._state.read_cov()[..., self.model.offsets, self.model.offsets]
 
     @property
     def cov(self) -> np.ndarray:
         """Its covariance (n, n) or (B, n, n)."""
-        return self._state.read_cov()
+        cov = self._state.read_cov()
+        return cov if self.model.bias is None else cov[..., self.model.own, self.model.own]
 
     @property
     def std(self) -> np.ndarray:
         """Its standard deviations (n,) or (B, n)."""
-        S = self._state.factor
+        S = self._state.factor[..., self.model.own, :]
         return np.sqrt((S * S).sum(-1))
+
+    @property
+    def belief(self) -> Belief:
+        """Mean and factor of state and bias together, batch last, and what the form carries beside them."""
+        return self._state.belief
 
     @property
     def ok(self) -> Any:
@@ -96,13 +114,14 @@ class Live:
 
     def predict(self, dt: float, u: Any = None) -> None:
         """Move the state dt seconds on, with inputs u (k,) where the motion takes them."""
-        self._do("predict", _seconds(dt), self._inputs(u, "motion"))
+        u = u if self._members is None else self._members.inputs(u)
+        self._do("predict", seconds_of(dt), self._inputs(u, "motion"))
 
     def update(self, z: Any, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """Correct with a measurement z (m,) or (B, m), NaN where a component is missing.
 
         Args:
-            z: the measurement.
+            z: the measurement; a dict by name of those that came at once, where the model's sensors are fused.
             sensor: which of the model's sensors it comes from, where there are several.
             R: its covariance or variances this time, if not the model's.
             u: inputs (k,) where the sensor takes them.
@@ -110,8 +129,16 @@ class Live:
         Returns:
             Residual, factor of its covariance, NIS and log-likelihood.
         """
+        if self._members is not None:
+            together = self._members.together(z, u)
+            return with_members_live(self.update_together(together), together)
         name, value = self._measurement(z, sensor)
         return self._do("update", name, value, self._noise(name, R), self._inputs(u, "sensor", name))
+
+    def update_together(self, together: Fused) -> Innovation:
+        """Correct with what fused sensors made of their measurements."""
+        name, value = self._measurement(together.z, next(iter(self.model.sensors)))
+        return self._do("update", name, value, None, self._inputs(together.u, "sensor", name))
 
     def expect(self, sensor: str | None = None, *, R: Any = None, u: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """What a sensor should measure now, (m,) or (B, m), and the covariance of the innovation: for gates."""
@@ -124,11 +151,14 @@ class Live:
         nothing = np.zeros((*self._tracks, len(names)), self._dtype)
         before, fault = self._state.belief, np.array(self._state.fault)
         told = self._do("update", name, nothing, self._noise(name, R), self._inputs(u, "sensor", name))
-        self._put(before, fault)
+        self.put(before, fault)
         return -np.asarray(told.residual), covariances(np.asarray(told.factor))
 
     def step(self, z: Any, dt: float, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """`predict(dt)` and `update(z)` in one compiled call."""
+        if self._members is not None:
+            self.predict(dt, u)
+            return self.update(z, u=u)
         if R is None and u is None:
             whole = self._state.whole.get(sensor)
             if whole is not None and dt >= 0:
@@ -138,7 +168,7 @@ class Live:
         name, value = self._measurement(z, sensor)
         used = None if R is None else self._noise(name, R)
         given = self._inputs(u, "motion", name) if self._driven else None
-        seconds = _seconds(dt)
+        seconds = seconds_of(dt)
         try:
             return self._state.step(name, seconds, value, used, given)
         except (Refused, Unavailable) as error:
@@ -147,28 +177,15 @@ class Live:
 
     def save(self) -> bytes:
         """The state as bytes; `restore` gives it back bit for bit, in another process too."""
-        buffer = io.BytesIO()
-        leaves = jax.tree.leaves(self._state.belief)
-        np.savez(buffer, *[np.asarray(a) for a in leaves], fault=np.asarray(self._state.fault))
-        return buffer.getvalue()
+        return saved(self.belief, self._state.fault)
 
-    def restore(self, saved: bytes) -> None:
+    def restore(self, bytes: bytes) -> None:
         """Take up a state that `save` gave, of the same filter, model and batch.
 
         Raises:
             InputError: where the bytes are no such state.
         """
-        leaves, structure = jax.tree.flatten(self._state.belief)
-        try:
-            with np.load(io.BytesIO(saved), allow_pickle=False) as stored:
-                found = [stored[f"arr_{i}"] for i in range(len(stored.files) - 1)]
-                fault = stored["fault"]
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(f"these {len(saved)} bytes are no saved state: {error}") from error
-        have, want = ([(a.shape, str(a.dtype)) for a in arrays] for arrays in (found, leaves))
-        if have != want:
-            raise InputError(f"the saved state has arrays {have}, this filter needs {want}")
-        self._put(jax.tree.unflatten(structure, found), fault)
+        self.put(*restored(bytes, self.belief))
 
     def _do(self, what: str, *arguments: Any) -> Any:
         try:
@@ -188,12 +205,13 @@ class Live:
         self._state = XlaState(self.filter, self.model, self._state.belief)
         self._state.fault = np.asarray(fault if self._batched else fault[0])
 
-    def _put(self, belief: Any, fault: np.ndarray) -> None:
+    def put(self, belief: Belief, fault: Any) -> None:
+        """Take up a belief laid out as `belief` gives it."""
         self._state.belief = belief
         if isinstance(self._state, LaneState):
             self._state.fault[...] = fault
         else:
-            self._state.fault = fault.reshape(self._tracks)
+            self._state.fault = np.asarray(fault, np.int8).reshape(self._tracks)
 
     def _cast(self, value: Any) -> np.ndarray:
         return np.asarray(value, self._dtype)
@@ -225,23 +243,16 @@ class Live:
     def _noise(self, sensor: str, R: Any) -> Any:
         if R is None:
             return None
-        return cast(noise("R", R, self.model.measurement[sensor]), self._dtype)
+        return cast(noise("R", R, self.model.measurement[sensor], OF_SENSOR), self._dtype)
 
     def _inputs(self, u: Any, what: str, sensor: str | None = None) -> Any:
         if not self._driven:
             return None
-        wanted = self.model.motion_inputs if what == "motion" else False
-        wanted = wanted or (sensor is not None and self.model.sensor_inputs[sensor])
+        wanted = self.model.motion_driven if what == "motion" else False
+        wanted = wanted or (sensor is not None and self.model.sensor_driven(sensor))
         if not wanted:
             return None
         if u is None:
             raise InputError(f"the {what} takes inputs; give u=")
-        value = numbers("u", u)
-        finite("u", value)
-        return self._cast(value)
-
-
-def _seconds(dt: float) -> float:
-    if not dt >= 0:
-        raise InputError(f"dt must be a number of seconds, not negative; it is {dt}")
-    return float(dt)
+        finite("u", numbers("u", u))
+        return self._cast(u)

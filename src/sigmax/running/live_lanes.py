@@ -37,7 +37,7 @@ class LaneState:
         low = self._lowered(0, None)
         self.packing = low.packing
         # Where it is known what will be needed, all is compiled side by side.
-        driven = model.motion_inputs or any(model.sensor_inputs.values())
+        driven = model.motion_driven or any(map(model.sensor_driven, model.sensors))
         named = {} if driven else {s: len(m) for s, m in model.measurement.items() if m is not None}
         if not driven:
             low.need(("start",), ("predict",), *(("correct", *about) for about in named.items()))

@@ -11,11 +11,11 @@ import numpy as np
 from sigmax.algebra.compiling import compiled
 from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
-from sigmax.models.evaluate import noise_root
+from sigmax.models.evaluate import noise_roots
 from sigmax.models.model import Model
 from sigmax.running.covariances import covariances
 from sigmax.running.scanned import batch_first, batch_last
-from sigmax.running.step import Belief, Innovation, begin, correct, predict
+from sigmax.running.step import Belief, Innovation, begin, correct, later, predict
 
 
 class XlaState:
@@ -92,7 +92,7 @@ def _compiled(filter: Filter, structure: Any) -> tuple[Any, Any, Any]:
 
     def move(leaves: Any, belief: Belief, dt: Any, u: Any) -> tuple[Belief, Any]:
         model = jax.tree.unflatten(structure, leaves)
-        return predict(filter, model, noise_root(model.Q), belief, dt, u)
+        return predict(filter, model, noise_roots(model), belief, dt, u)
 
     def see(leaves: Any, belief: Belief, sensor: str, z: Any, R: Any, u: Any) -> tuple[Belief, Innovation, Any]:
         return correct(filter, jax.tree.unflatten(structure, leaves), sensor, R, belief, z, u)
@@ -101,7 +101,7 @@ def _compiled(filter: Filter, structure: Any) -> tuple[Any, Any, Any]:
         leaves: Any, belief: Belief, sensor: str, dt: Any, z: Any, R: Any, u: Any
     ) -> tuple[Belief, Innovation, Any]:
         moved, fault = move(leaves, belief, dt, u)
-        belief, told, failed = see(leaves, moved, sensor, jnp.where(fault == 0, z, jnp.nan), R, u)
-        return belief, told, jnp.where(fault == 0, failed, fault)
+        belief, told, failed = see(leaves, moved, sensor, jnp.where(fault <= 0, z, jnp.nan), R, u)
+        return belief, told, later(fault, failed)
 
     return compiled(move), compiled(see, static=(2,)), compiled(both, static=(2,))

@@ -9,7 +9,7 @@ import numpy as np
 
 from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
-from sigmax.models.evaluate import noise_root
+from sigmax.models.evaluate import noise_roots
 from sigmax.models.model import Model
 from sigmax.native import Graph, Program, evaluate
 from sigmax.native.driver import Step, steps
@@ -50,7 +50,7 @@ class Lowered:
         self.filter, self.structure, self.inputs, self.dtype = filter, structure, inputs, np.dtype(dtype)
         self._alone, self._numbers = alone, numbers
         self.zeros = [np.array(pattern).reshape(shape) for shape, pattern in zeros]
-        self.n = self._model([np.zeros(z.shape) for z in self.zeros]).size
+        self.n = len(self._model([np.zeros(z.shape) for z in self.zeros]).joint_angular)
         square = jax.ShapeDtypeStruct((self.n, self.n), self.dtype)
         carried = jax.eval_shape(filter.form.start, square)
         leaves, shape = jax.tree.flatten(carried)
@@ -145,7 +145,7 @@ class Lowered:
         def function(model: Model, mean: Any, factor: Any, *rest: Any) -> Any:
             belief = self._belief(mean, factor, rest[:count])
             u = rest[count + 1] if self.inputs else None
-            return jax.tree.leaves(predict(self.filter, model, noise_root(model.Q), belief, rest[count], u))
+            return jax.tree.leaves(predict(self.filter, model, noise_roots(model), belief, rest[count], u))
 
         given = self._given(g, (), *(((self.inputs,),) if self.inputs else ()))
         inputs = {"state": self.packing.symbols(g, "state"), "given": given}
@@ -181,7 +181,7 @@ class Lowered:
         def function(
             model: Model, mean: Any, factor: Any, later: Any, later_factor: Any, dt: Any, fault: Any, *u: Any
         ) -> Any:
-            noise = noise_root(model.Q)
+            noise = noise_roots(model)
             (new, root), failed = back(
                 self.filter, model, noise, (mean, factor), (later, later_factor), fault, dt, u[0] if u else None
             )

@@ -4,11 +4,14 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sigmax.algebra.arrays import TWO_PI
 from sigmax.errors import InputError
+from sigmax.models.checks import is_traced
+from sigmax.models.model import Model
 from sigmax.running.covariances import covariances
 from sigmax.running.step import Fault, Innovation
 
@@ -17,12 +20,45 @@ PARTS = ("mean", "factor", "fault", "nis", "dof", "step_log_likelihood", "innova
 
 
 class Layout(NamedTuple):
-    """What the arrays of a result mean."""
+    """What the arrays of a result mean.
+
+    Attributes:
+        state: names of the components of the state.
+        angular: which of them are angles.
+        batched: whether the first axis is a batch.
+        several: whether what was measured is told by sensor.
+        bias: names of the components of the bias.
+        bias_first: whether the bias stands before the state in what was stored, rather than behind it.
+        fusion: how each sensor was fused with the others, by its name.
+    """
 
     state: tuple[str, ...]
     angular: tuple[bool, ...]
     batched: bool
     several: bool
+    bias: tuple[str, ...] = ()
+    bias_first: bool = False
+    fusion: tuple[tuple[str, str], ...] = ()
+
+    @classmethod
+    def of(cls, model: Model, batched: bool) -> "Layout":
+        """The layout of a run on a model as an engine takes it."""
+        several, bias = model.several, model.bias
+        if bias is None:
+            return cls(model.state, model.angular, batched, several)
+        return cls(model.state, model.angular, batched, several, bias.names, bias.first)
+
+    @property
+    def own(self) -> slice:
+        """Where the state stands in what was stored."""
+        before = len(self.bias) if self.bias_first else 0
+        return slice(before, before + len(self.state))
+
+    @property
+    def offsets(self) -> slice:
+        """Where the bias stands in what was stored."""
+        before = 0 if self.bias_first else len(self.state)
+        return slice(before, before + len(self.bias))
 
 
 @jax.tree_util.register_dataclass
@@ -51,23 +87,79 @@ class Smoothed:
     @property
     def mean(self) -> Any:
         """Estimates (…, T, n)."""
-        return self._out(self.stored_mean, "mean")
+        return self._out(self.stored_mean, "mean")[..., self.layout.own]
 
     @property
     def factor(self) -> Any:
         """Lower factors S of the covariances, P = S Sᵀ (…, T, n, n)."""
-        return self._out(self.stored_factor, "factor")
+        rows = self._rows(self.layout.own)
+        if not self.layout.bias_first:
+            return rows[..., : len(self.layout.state)]
+        return self._triangle(rows)
+
+    def _array(self) -> Any:
+        return jnp if is_traced(self.stored_factor) else np
+
+    def _triangle(self, rows: Any) -> Any:
+        """The lower factor of A Aᵀ."""
+        upper = self._array().linalg.qr(rows.swapaxes(-1, -2), mode="r")
+        turn = self._array().where(self._array().einsum("...ii->...i", upper) < 0, -1.0, 1.0)
+        return (upper * turn[..., None]).swapaxes(-1, -2)
+
+    def _rows(self, rows: slice) -> Any:
+        """Rows A of the joint factor of state and bias: A Aᵀ is the covariance of these components."""
+        return self._out(self.stored_factor, "factor")[..., rows, :]
 
     @property
     def cov(self) -> Any:
         """Covariances (…, T, n, n), computed when asked for."""
-        return covariances(self.factor)
+        return self._covariance(self.layout.own)
+
+    def _covariance(self, rows: slice) -> Any:
+        if not self.layout.bias:
+            return covariances(self._out(self.stored_factor, "factor"))
+        S = self._rows(rows)
+        return S @ S.swapaxes(-1, -2)
 
     @property
     def std(self) -> Any:
         """Standard deviations (…, T, n)."""
-        S = self.factor
+        S = self._rows(self.layout.own)
         return (S * S).sum(-1) ** 0.5
+
+    @property
+    def bias(self) -> tuple[str, ...]:
+        """Names of the components of the bias, none where the model has no bias."""
+        return self.layout.bias
+
+    @property
+    def bias_mean(self) -> Any:
+        """Estimates of the bias (…, T, p)."""
+        return self._out(self.stored_mean, "mean")[..., self.layout.offsets]
+
+    @property
+    def bias_cov(self) -> Any:
+        """Their covariances (…, T, p, p)."""
+        return self._covariance(self.layout.offsets)
+
+    @property
+    def bias_std(self) -> Any:
+        """Standard deviations of the bias (…, T, p)."""
+        S = self._rows(self.layout.offsets)
+        return (S * S).sum(-1) ** 0.5
+
+    def joint(self) -> tuple[Any, Any]:
+        """Means (…, T, n + p) and lower factors of state and bias together, the state first."""
+        mean, factor, _ = self.kept()
+        if not self.layout.bias_first:
+            return mean, factor
+        p = len(self.layout.bias)
+        rows = self._array().concatenate([factor[..., p:, :], factor[..., :p, :]], -2)
+        return self._array().concatenate([mean[..., p:], mean[..., :p]], -1), self._triangle(rows)
+
+    def kept(self) -> tuple[Any, Any, Any]:
+        """Means, factors and faults of state and bias together, as an engine laid them out."""
+        return self._out(self.stored_mean, "mean"), self._out(self.stored_factor, "factor"), self.fault
 
     @property
     def fault(self) -> Any:
@@ -111,6 +203,15 @@ class Result(Smoothed):
         Of an honest filter it is chi-square with `dof` degrees of freedom.
         """
         return self._out(self.stored_nis, "nis")
+
+    @property
+    def fusion(self) -> dict[str, str]:
+        """How each sensor was fused, by its name; empty where they were corrected one after the other.
+
+        "compressed": put together with others of the same function before the correction; "stacked": beside
+        others with the whole of Ω; "summed": stacked, which for this filter is a sum of contributions.
+        """
+        return dict(self.layout.fusion)
 
     @property
     def dof(self) -> Any:

@@ -11,6 +11,7 @@ from sigmax.models.model import Model
 from sigmax.running import lanes, scanned
 from sigmax.running.backend import attempt
 from sigmax.running.edge import as_filter, prepare
+from sigmax.running.fusing import how, with_members
 from sigmax.running.result import PARTS, Layout, Result
 
 
@@ -54,16 +55,20 @@ def run(
         if part not in PARTS:
             raise unknown("part of a result", part, PARTS)
     ready = prepare(chosen, model, prior, z, dt, inputs, dtype)
-    kept = frozenset(keep)
+    kept = frozenset(keep) | ({"dof"} if ready.fused is not None else set())
     traced = is_traced(ready)
     total, parts = attempt(
         backend,
         traced,
-        lambda: lanes.filtered(chosen, kept, ready),
-        lambda: scanned.filtered(chosen, kept, ready, traced),
+        lambda: lanes.filtered(kept, ready),
+        lambda: scanned.filtered(kept, ready, traced),
     )
+    layout = Layout.of(ready.model, ready.batch is not None)
+    if ready.fused is not None:
+        total, parts = with_members(parts, total, ready.fused)
+        layout = layout._replace(fusion=how(ready.filter, model))
     return Result(
-        layout=Layout(model.state, model.angular, ready.batch is not None, model.several),
+        layout=layout,
         stored_mean=parts.get("mean"),
         stored_factor=parts.get("factor"),
         stored_fault=parts.get("fault"),

@@ -12,10 +12,10 @@ from sigmax.algebra.compiling import compiled, tracing
 from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
 from sigmax.models.checks import is_traced
-from sigmax.models.evaluate import noise_root
+from sigmax.models.evaluate import noise_roots
 from sigmax.models.model import Model
 from sigmax.running.edge import Prepared
-from sigmax.running.step import Belief, Innovation, begin, correct, predict
+from sigmax.running.step import Belief, Innovation, begin, correct, later, predict
 
 _SMALLEST_PART = 256
 
@@ -43,8 +43,9 @@ def batch_last(a: Any, core: int) -> Any:
     return jnp.moveaxis(a, 0, -1) if a.ndim > core else a
 
 
-def filtered(filter: Filter, keep: frozenset[str], ready: Prepared, traced: bool) -> Parts:
+def filtered(keep: frozenset[str], ready: Prepared, traced: bool) -> Parts:
     """The total log-likelihood and what is kept, by track and time."""
+    filter = ready.filter
     laid = _Laid(
         batch_last(ready.mean, 1),
         batch_last(ready.cov, 2),
@@ -101,18 +102,18 @@ def _scan(
     filter: Filter, keep: frozenset[str], model: Model, mean: Any, cov: Any, z: dict[str, Any], dt: Any, u: Any
 ) -> Parts:
     """The run over a record: total log-likelihood and what is kept, batch last."""
-    root = noise_root(model.Q)
+    root = noise_roots(model)
 
     def step(carry: tuple[Belief, jax.Array], at: _Laid) -> tuple[tuple[Belief, jax.Array], dict[str, Any]]:
         belief, total = carry
         belief, fault = predict(filter, model, root, belief, at.dt, at.u)
-        sound = fault == 0
+        sound = fault <= 0
         told = {}
         # In the model's order: JAX sorts the keys of a dict.
         for sensor in (s for s in model.sensors if s in at.z):
             measured = jnp.where(sound, at.z[sensor], jnp.nan)
             belief, told[sensor], failed = _corrected(filter, model, sensor, belief, measured, at.u, len(z) > 1)
-            fault = jnp.where(fault == 0, failed, fault)
+            fault = later(fault, failed)
         count = sum(i.dof for i in told.values())
         log_likelihood = sum(i.log_likelihood for i in told.values())
         nis = sum(jnp.where(i.dof > 0, i.nis, 0) for i in told.values())

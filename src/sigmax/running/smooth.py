@@ -7,14 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.compiling import compiled, tracing
+from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.checks import is_traced
-from sigmax.models.evaluate import noise_root
+from sigmax.models.evaluate import noise_roots
 from sigmax.models.model import Model
 from sigmax.running import lanes
 from sigmax.running.backend import attempt
 from sigmax.running.edge import as_filter, cast, laid_out_steps
-from sigmax.running.result import Result, Smoothed
+from sigmax.running.result import Layout, Result, Smoothed
 from sigmax.running.scanned import batch_first, batch_last
 from sigmax.running.smooth_step import back
 
@@ -47,11 +48,13 @@ def smooth(
     Raises:
         InputError: where dt or inputs do not fit the result, or a part of it was not kept.
     """
-    chosen = as_filter(filter)
-    kept = (result.mean, result.factor, result.fault)
-    dtype = result.mean.dtype
-    elapsed, u = laid_out_steps(model, dt, inputs, result.mean.shape[-2], dtype)
-    model = cast(model, dtype)
+    chosen = as_filter(filter).on(model.biases)
+    kept = result.kept()
+    dtype = kept[0].dtype
+    elapsed, u = laid_out_steps(model, dt, inputs, kept[0].shape[-2], dtype)
+    model = cast(model.placed(chosen.form.bias_first), dtype)
+    if Layout.of(model, result.layout.batched) != result.layout._replace(fusion=()):
+        raise InputError("model and filter are not those of the run: state and bias stand in another order")
     traced = is_traced((kept, model, elapsed, u))
 
     def with_xla() -> Any:
@@ -68,7 +71,7 @@ def smooth(
 def _backwards(
     filter: Filter, model: Model, mean: Any, factor: Any, fault: Any, dt: Any, u: Any
 ) -> tuple[Any, Any, Any]:
-    noise = noise_root(model.Q)
+    noise = noise_roots(model)
 
     def step(later: tuple[Any, Any], at: Any) -> tuple[tuple[Any, Any], Any]:
         x, S, next_fault, next_dt, next_u = at

@@ -5,10 +5,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.arrays import lift, outer, product, times, wrap
-from sigmax.algebra.factor import Diagonal, Matrix, dense, downdate, inverse_lower, solve_lower, tria
+from sigmax.algebra.arrays import outer, product, times, wrap
+from sigmax.algebra.factor import Diagonal, dense, downdate, inverse_lower, solve_lower, tria
 from sigmax.filters import Filter
-from sigmax.models.evaluate import motion_noise, moving
+from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise
 from sigmax.models.model import Model
 from sigmax.rules.linearization import Linearization
 from sigmax.running.step import Fault
@@ -19,7 +19,7 @@ State = tuple[Any, Any]  # mean (n, ...) and factor (n, n, ...)
 def back(
     filter: Filter,
     model: Model,
-    noise: Matrix | None,
+    noise: NoiseRoots,
     filtered: State,
     later: State,
     later_fault: Any,
@@ -41,16 +41,18 @@ def back(
 
 
 def _back(
-    filter: Filter, model: Model, noise: Matrix | None, x: Any, S: Any, later: tuple[Any, Any], dt: Any, u: Any
+    filter: Filter, model: Model, noise: NoiseRoots, x: Any, S: Any, later: tuple[Any, Any], dt: Any, u: Any
 ) -> tuple[Any, Any, Any]:
     """One step backwards: G = S Eᵀ P⁻¹, S_s = tria[S − G E, G L_q, G N, G S_later], less G D."""
-    line = filter.predict(moving(model, dt, u, x.ndim > 1), x, S, model.angular)
+    line = linearized_motion(filter.predict, model, x, S, dt, u)
     Lq, sound = motion_noise(model, noise, x, dt, u)
     line, rest = _in_domain(model, line, dense(Lq))
     predicted = tria(jnp.concatenate([line.slope, rest], axis=1))
     if line.deficit.shape[1]:
-        predicted, exists = downdate(predicted, line.deficit)
-        sound &= exists
+        # As the filter did: without the negative weights where the difference is indefinite.
+        less, exists = downdate(predicted, line.deficit)
+        predicted = jnp.where(exists, less, predicted)
+        line = line._replace(deficit=jnp.where(exists, line.deficit, 0))
     # A component known exactly has a zero pivot and takes no part.
     pivot = jnp.stack([predicted[i, i] for i in range(x.shape[0])])
     known = pivot <= 0
@@ -58,7 +60,7 @@ def _back(
     half = jnp.where(known[:, None], 0, solve_lower(safe, outer(line.slope, S)))
     gain = product(half.swapaxes(0, 1), inverse_lower(safe))
     later_mean, later_factor = later
-    mean = wrap(x + times(gain, wrap(later_mean - line.mean, model.angular)), model.angular)
+    mean = wrap(x + times(gain, wrap(later_mean - line.mean, model.joint_angular)), model.joint_angular)
     pieces = [S - product(gain, line.slope), product(gain, rest), product(gain, later_factor)]
     factor = tria(jnp.concatenate(pieces, axis=1))
     if line.deficit.shape[1]:
@@ -70,9 +72,10 @@ def _back(
 def _in_domain(model: Model, line: Linearization, Lq: Any) -> tuple[Linearization, Any]:
     """The linearisation as the filter used it, after the model's domain, and the columns beside the slope."""
     rest = jnp.concatenate([Lq, line.residual], axis=1)
-    if model.domain is None:
+    function = in_domain(model, line.mean.ndim > 1)
+    if function is None:
         return line, rest
-    mean, derivative = jax.linearize(lift(model.domain, [], line.mean.ndim > 1), line.mean)
+    mean, derivative = jax.linearize(function, line.mean)
     turn = jax.vmap(derivative, in_axes=1, out_axes=1)
     deficit = turn(line.deficit) if line.deficit.shape[1] else line.deficit
-    return Linearization(wrap(mean, model.angular), turn(line.slope), line.residual, deficit), turn(rest)
+    return Linearization(wrap(mean, model.joint_angular), turn(line.slope), line.residual, deficit), turn(rest)

@@ -7,18 +7,28 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.arrays import lift, wrap
-from sigmax.algebra.factor import Matrix, tria
+from sigmax.algebra.arrays import wrap
+from sigmax.algebra.factor import Matrix, add, downdate, tria
 from sigmax.filters import Filter
-from sigmax.models.evaluate import motion_noise, moving, sensing, sensor_noise
-from sigmax.models.model import Model, Noise
+from sigmax.forms import Predicted
+from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise, sensing, sensor_noise
+from sigmax.models.model import Model
+from sigmax.models.noise import Noise
+from sigmax.rules.linearization import Linearization
 
 LOG_2PI = math.log(2 * math.pi)
 
 
 class Fault(IntEnum):
-    """Why a step of a track was not sound; the state stays as it was before the half-step that failed."""
+    """Why a step of a track was not sound.
 
+    Above 0 a half-step failed, and the state stays as it was before it. Below 0 the negative weights of a
+    sigma set made a covariance indefinite: the half-step was done without their columns, which makes
+    what the straight line misses too large, never too small.
+    """
+
+    CORRECTION_WIDENED = -2
+    PREDICTION_WIDENED = -1
     NONE = 0
     MOTION_NOT_FINITE = 1
     MOTION_NOISE_INDEFINITE = 2
@@ -34,6 +44,8 @@ class Fault(IntEnum):
 
 
 _MESSAGES = {
+    Fault.CORRECTION_WIDENED: "R + Ω was indefinite by negative weights; the correction was done without them",
+    Fault.PREDICTION_WIDENED: "the predicted covariance was indefinite by negative weights; done without them",
     Fault.NONE: "sound",
     Fault.MOTION_NOT_FINITE: "the motion gave a state or a derivative that is not finite",
     Fault.MOTION_NOISE_INDEFINITE: "Q is not positive semidefinite at this step",
@@ -76,27 +88,28 @@ def begin(filter: Filter, mean: jax.Array, factor: jax.Array) -> Belief:
 
 
 def predict(
-    filter: Filter, model: Model, root: Matrix | None, belief: Belief, dt: jax.Array, u: jax.Array | None
+    filter: Filter, model: Model, roots: NoiseRoots, belief: Belief, dt: jax.Array, u: jax.Array | None
 ) -> tuple[Belief, jax.Array]:
     """The belief dt later, and the fault (...) of each member of the batch.
 
-    `root` is the factor of a Q that is given as numbers (`noise_root(model.Q)`).
+    `roots` are the factors of noises that are given as numbers (`noise_roots(model)`).
     """
     x, S, _ = belief
     with jax.named_scope("the motion, linearised"):
-        line = filter.predict(moving(model, dt, u, x.ndim > 1), x, S, model.angular)
+        line = linearized_motion(filter.predict, model, x, S, dt, u)
     with jax.named_scope("the noise of the motion"):
-        Lq, noise_sound = motion_noise(model, root, x, dt, u)
+        Lq, noise_sound = motion_noise(model, roots, x, dt, u)
     with jax.named_scope("the predicted covariance"):
-        predicted = filter.form.predict(line, Lq)
+        predicted, widened = _predicted(filter, line, Lq)
     new = _in_domain(filter, model, Belief(line.mean, predicted.factor, predicted.carried))
     with jax.named_scope("is it sound?"):
         fault = _first(
             (~_finite(line.mean, line.slope, line.residual), Fault.MOTION_NOT_FINITE),
             (~noise_sound, Fault.MOTION_NOISE_INDEFINITE),
             (~(predicted.sound & _finite(new.mean, new.factor)), Fault.PREDICTION_INDEFINITE),
+            (widened, Fault.PREDICTION_WIDENED),
         )
-        return _keep(fault == 0, new, belief), fault
+        return _keep(fault <= 0, new, belief), fault
 
 
 def correct(
@@ -107,18 +120,19 @@ def correct(
     seen = ~jnp.isnan(z)
     angular = model.measured_angular(sensor, z.shape[0])
     with jax.named_scope("the sensor, linearised"):
-        line = filter.correct(sensing(model, sensor, u, x.ndim > 1), x, S, angular)
+        line = filter.correct(sensing(model, sensor, x, u), x, S, angular)
     with jax.named_scope("the noise of the sensor"):
-        Lr, noise_sound = sensor_noise(R, x, u, seen)
+        Lr, noise_sound = sensor_noise(model, R, x, u, seen)
     innovation = jnp.where(seen, wrap(jnp.where(seen, z, 0) - line.mean, angular), 0)
     line = line._replace(
         slope=jnp.where(seen[:, None], line.slope, 0),
         residual=jnp.where(seen[:, None], line.residual, 0),
         deficit=jnp.where(seen[:, None], line.deficit, 0),
     )
+    line, widened = without_deficit(line, Lr)
     with jax.named_scope("the correction"):
         done = filter.form.correct(S, carried, line, Lr, innovation)
-    moved = Belief(wrap(x + done.shift, model.angular), done.factor, done.carried)
+    moved = Belief(wrap(x + done.shift, model.joint_angular), done.factor, done.carried)
     new = _in_domain(filter, model, moved)
     diagonal = jnp.stack([done.innovation_factor[i, i] for i in range(z.shape[0])])
     sound = done.sound & (diagonal > 0).all(0) & _finite(new.mean, new.factor)
@@ -126,9 +140,10 @@ def correct(
         (~_finite(innovation, line.slope, line.residual), Fault.SENSOR_NOT_FINITE),
         (~noise_sound, Fault.SENSOR_NOISE_INDEFINITE),
         (~sound, Fault.CORRECTION_INDEFINITE),
+        (widened, Fault.CORRECTION_WIDENED),
     )
     count = seen.sum(0)
-    used = (count > 0) & (fault == 0)
+    used = (count > 0) & (fault <= 0)
     nis = (done.whitened**2).sum(0)
     volume = jnp.log(jnp.where(diagonal > 0, diagonal, 1)).sum(0)
     told = Innovation(
@@ -141,14 +156,40 @@ def correct(
     return _keep(used, new, belief), told, jnp.where(count > 0, fault, 0)
 
 
+def later(fault: jax.Array, then: jax.Array) -> jax.Array:
+    """The fault of two half-steps: the first that failed, else the last that was widened."""
+    return jnp.where((fault <= 0) & (then != 0), then, fault)
+
+
+def _predicted(filter: Filter, line: Linearization, Lq: Matrix) -> tuple[Predicted, jax.Array]:
+    """The prediction, without the columns of negative weights where it fails with them; and whether it did (...)."""
+    predicted = filter.form.predict(line, Lq)
+    if not line.deficit.shape[1]:
+        return predicted, jnp.zeros(line.mean.shape[1:], bool)
+    wider = filter.form.predict(line._replace(deficit=line.deficit[:, :0]), Lq)
+    chosen: Predicted = jax.tree.map(lambda a, b: jnp.where(predicted.sound, a, b), predicted, wider)
+    return chosen, ~predicted.sound
+
+
+def without_deficit(line: Linearization, L: Matrix) -> tuple[Linearization, jax.Array]:
+    """The linearisation with no negative weights where N Nᵀ − D Dᵀ + L Lᵀ is indefinite; and whether it was (...).
+
+    Where that is positive definite, so is everything that a correction computes.
+    """
+    if not line.deficit.shape[1]:
+        return line, jnp.zeros(line.mean.shape[1:], bool)
+    _, exists = downdate(add(L, line.residual), line.deficit)
+    return line._replace(deficit=jnp.where(exists, line.deficit, 0)), ~exists
+
+
 def _in_domain(filter: Filter, model: Model, belief: Belief) -> Belief:
     """The belief with the model's domain applied to the mean and, by its derivative, to the factor."""
-    if model.domain is None:
+    function = in_domain(model, belief.mean.ndim > 1)
+    if function is None:
         return belief
-    function = lift(model.domain, [], belief.mean.ndim > 1)
     mean, derivative = jax.linearize(function, belief.mean)
     factor = tria(jax.vmap(derivative, in_axes=1, out_axes=1)(belief.factor))
-    return begin(filter, wrap(mean, model.angular), factor)
+    return begin(filter, wrap(mean, model.joint_angular), factor)
 
 
 def _finite(*arrays: jax.Array) -> jax.Array:

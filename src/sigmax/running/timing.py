@@ -4,25 +4,24 @@ import time
 
 import numpy as np
 
-from sigmax.filters import Filter
 from sigmax.running import lanes, scanned
 from sigmax.running.backend import attempt
 from sigmax.running.edge import Prepared
 
 
-def seconds(filter: Filter, ready: Prepared, backend: str | None = None) -> tuple[float, float]:
+def seconds(ready: Prepared, backend: str | None = None) -> tuple[float, float]:
     """How long the predictions alone and the whole of a record took; call it once before to compile."""
     alone = ready._replace(z={})
-    return _seconds(filter, alone, backend), _seconds(filter, ready, backend)
+    return _seconds(alone, backend), _seconds(ready, backend)
 
 
-def _seconds(filter: Filter, ready: Prepared, backend: str | None) -> float:
+def _seconds(ready: Prepared, backend: str | None) -> float:
     def native() -> None:
-        lanes.filtered(filter, frozenset(), ready)
+        lanes.filtered(frozenset(), ready)
 
     def xla() -> None:
         # What nobody asks for is not computed there.
-        _, parts = scanned.filtered(filter, frozenset({"mean", "factor"}), ready, False)
+        _, parts = scanned.filtered(frozenset({"mean", "factor"}), ready, False)
         np.asarray(parts["mean"])
 
     begun = time.perf_counter()

@@ -55,7 +55,7 @@ def bank(study: Study, drawn: Drawn, members: int, seed: tuple[int, ...], backen
         x = found.mean.reshape(count, members, T, n)
         weight = found.step_log_likelihood.reshape(count, members, T).cumsum(-1)
         # A member that failed says nothing from then on.
-        failed = (found.fault.reshape(count, members, T) != 0).cumsum(-1) > 0
+        failed = (found.fault.reshape(count, members, T) > 0).cumsum(-1) > 0
         weight = np.where(failed, -np.inf, weight)
         top = weight.max(1, keepdims=True)
         fault[part] = ~np.isfinite(top[:, 0])

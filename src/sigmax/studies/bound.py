@@ -10,7 +10,7 @@ import numpy as np
 from sigmax.algebra.factor import Diagonal
 from sigmax.models import Model
 from sigmax.models.evaluate import moving, sensing
-from sigmax.models.model import takes
+from sigmax.models.noise import OF_MOTION, takes
 from sigmax.running.mapped import mapped
 from sigmax.studies.simulate import Drawn
 from sigmax.studies.study import Study
@@ -43,7 +43,7 @@ def absent(study: Study) -> str:
         return "truth is not drawn from the filters' model and prior"
     if np.linalg.eigvalsh(study.prior.cov).min() <= 0:
         return "the prior knows a combination of components exactly"
-    if callable(model.Q) and takes(model.Q, "Q", (1, 2, 3)) > 1:
+    if callable(model.Q) and takes(model.Q, "Q", OF_MOTION) > 1:
         return "the noise of the motion depends on the state"
     if any(callable(R) for R in model.R.values()):
         return "the noise of a sensor depends on the state"
@@ -87,11 +87,11 @@ def information(study: Study, drawn: Drawn, kept: np.ndarray, backend: str | Non
 @lru_cache(maxsize=16)
 def _slopes(model: Model) -> tuple[Any, dict[str, Any]]:
     def motion(x: Any, dt: Any, u: Any) -> Any:
-        return jax.jacfwd(moving(model, dt, u, False))(x)
+        return jax.jacfwd(moving(model, x, dt, u))(x)
 
     def of(sensor: str) -> Any:
         def slope(x: Any, u: Any) -> Any:
-            return jax.jacfwd(sensing(model, sensor, u, False))(x)
+            return jax.jacfwd(sensing(model, sensor, x, u))(x)
 
         return slope
 

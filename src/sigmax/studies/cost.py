@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.filters import Filter
-from sigmax.models import Gaussian
-from sigmax.rules import SigmaPoints, Taylor1, Taylor2
+from sigmax.rules import Marginal, SigmaPoints, Taylor1, Taylor2
 from sigmax.running.edge import prepare
 from sigmax.running.timing import seconds
 from sigmax.studies.simulate import draw
@@ -47,17 +46,17 @@ def costs(
     """
     drawn = draw(study, seed, 0, backend)
     T = min(study.steps, _STEPS)
-    prior = Gaussian(drawn.mean, study.prior.cov)
+    model, prior = study.told(drawn.mean)
     z: Any = {s: v[:, :T] for s, v in drawn.z.items()}
     inputs = None if study.inputs is None else np.asarray(study.inputs)[:T]
     taking_turns = [yardstick, *filters.values()]
     ready = [
-        prepare(f, study.model, prior, z if study.model.several else z[""], study.elapsed[:T], inputs, "float64")
+        prepare(f, model, prior, z if study.model.several else z[""], study.elapsed[:T], inputs, "float64")
         for f in taking_turns
     ]
 
     def turn() -> list[tuple[float, float]]:
-        return [seconds(f, laid, backend) for f, laid in zip(taking_turns, ready, strict=True)]
+        return [seconds(laid, backend) for laid in ready]
 
     turn()  # compiles
     rounds = []
@@ -71,7 +70,7 @@ def costs(
     sensors = len(study.model.sensors)
     return {
         name: Cost(each[i, 0], each[i, 1], relative[i], (_evaluations(f.predict, n), _times(f.correct, n, sensors)))
-        for i, (name, f) in enumerate(filters.items(), start=1)
+        for i, (name, f) in enumerate(((name, f.on(model.biases)) for name, f in filters.items()), start=1)
     }
 
 
@@ -82,6 +81,8 @@ def _times(rule: Any, n: int, sensors: int) -> int | None:
 
 def _evaluations(rule: Any, n: int) -> int | None:
     """How often a rule evaluates its function for n components, None for a rule of the user's."""
+    if isinstance(rule, Marginal):
+        return _evaluations(rule.rule, n - rule.biases)
     if isinstance(rule, SigmaPoints):
         return rule.points(n).evaluations
     if isinstance(rule, Taylor1):

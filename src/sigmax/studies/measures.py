@@ -38,7 +38,7 @@ class Measures(NamedTuple):
         nees: mean of eᵀ P⁻¹ e (T,).
         nis: mean of the normalised innovation squared (T,).
         lost: share of the runs lost by reason, and of all of them under "all".
-        faults: how many steps had each fault (7,).
+        faults: how many steps had each fault, in the order of `Fault` (9,).
     """
 
     runs: int

@@ -11,7 +11,7 @@ import numpy as np
 from sigmax.algebra.arrays import times, wrap
 from sigmax.algebra.factor import cholesky, dense, inverse_lower, solve_lower, square
 from sigmax.models import Model
-from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
+from sigmax.models.evaluate import motion_noise, moving, noise_roots, sensing, sensor_noise
 from sigmax.running.mapped import mapped
 from sigmax.running.step import Fault
 from sigmax.studies.simulate import Drawn, mover, root_of, sizes
@@ -121,7 +121,7 @@ def _resampled(x: np.ndarray, share: np.ndarray, offset: np.ndarray, N: int) -> 
 @lru_cache(maxsize=16)
 def _functions(model: Model, measured: tuple[tuple[str, int], ...], proposal: str) -> Callable[..., Any]:
     """(x, w, blind, z, dt, u) -> the particle dt later and the logarithm of what its weight gains."""
-    disturbed, root = mover(model), noise_root(model.Q)
+    disturbed, root = mover(model), noise_roots(model)
 
     def misses(x: Any, z: Any, u: Any) -> list[tuple[Any, Any, Any]]:
         """By sensor: the miss in units of its noise (0 where missing), the factor of the noise, what was seen."""
@@ -130,8 +130,8 @@ def _functions(model: Model, measured: tuple[tuple[str, int], ...], proposal: st
             part = z[at : at + m]
             at += m
             seen = ~jnp.isnan(part)
-            L, _ = sensor_noise(model.R[sensor], x, u, seen)
-            said = jnp.where(seen, part, 0.0) - sensing(model, sensor, u, False)(x)
+            L, _ = sensor_noise(model, model.R[sensor], x, u, seen)
+            said = jnp.where(seen, part, 0.0) - sensing(model, sensor, x, u)(x)
             said = wrap(said, model.measured_angular(sensor, m))
             factor = dense(L)
             found.append((solve_lower(factor, jnp.where(seen, said, 0.0)), factor, seen))
@@ -149,7 +149,7 @@ def _functions(model: Model, measured: tuple[tuple[str, int], ...], proposal: st
         return moved, likelihood(moved, z, u)
 
     def guided(x: Any, w: Any, blind: Any, z: Any, dt: Any, u: Any) -> Any:
-        centre = wrap(moving(model, dt, u, False)(x), model.angular)
+        centre = wrap(moving(model, x, dt, u)(x), model.angular)
         L = dense(motion_noise(model, root, x, dt, u)[0])
 
         def missed(noise: Any) -> Any:

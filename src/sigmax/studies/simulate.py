@@ -10,7 +10,7 @@ import numpy as np
 from sigmax.algebra.arrays import times, wrap
 from sigmax.algebra.factor import Diagonal, Matrix, cholesky
 from sigmax.models import Model
-from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
+from sigmax.models.evaluate import motion_noise, moving, noise_roots, sensing, sensor_noise
 from sigmax.running.mapped import mapped
 from sigmax.studies.study import Study
 
@@ -58,11 +58,11 @@ def root_of(P: Any) -> Any:
 
 def mover(model: Model) -> Callable[..., Any]:
     """(x, w, dt, u) -> the state dt later, disturbed by the noise of the motion."""
-    root = noise_root(model.Q)
+    root = noise_roots(model)
 
     def move(x: Any, w: Any, dt: Any, u: Any) -> Any:
         L, _ = motion_noise(model, root, x, dt, u)
-        return wrap(moving(model, dt, u, False)(x) + _spread(L, w), model.angular)
+        return wrap(moving(model, x, dt, u)(x) + _spread(L, w), model.angular)
 
     return move
 
@@ -71,8 +71,8 @@ def sensor_of(model: Model, sensor: str) -> Callable[..., Any]:
     """(x, v, u) -> what one sensor measures, with its noise."""
 
     def sense(x: Any, v: Any, u: Any) -> Any:
-        L, _ = sensor_noise(model.R[sensor], x, u, jnp.ones(v.shape, bool))
-        return wrap(sensing(model, sensor, u, False)(x) + _spread(L, v), model.measured_angular(sensor, v.shape[0]))
+        L, _ = sensor_noise(model, model.R[sensor], x, u, jnp.ones(v.shape, bool))
+        return wrap(sensing(model, sensor, x, u)(x) + _spread(L, v), model.measured_angular(sensor, v.shape[0]))
 
     return sense
 
@@ -103,7 +103,7 @@ def sizes(study: Study) -> dict[str, int]:
     """The number of components of each sensor's measurement."""
     x = jnp.asarray(study.prior.mean)
     u = None if study.inputs is None else jnp.asarray(np.asarray(study.inputs, float)[0])
-    return {s: int(sensing(study.model, s, u, False)(x).shape[0]) for s in study.model.sensors}
+    return {s: int(sensing(study.model, s, x, u)(x).shape[0]) for s in study.model.sensors}
 
 
 def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Drawn:

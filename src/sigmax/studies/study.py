@@ -11,7 +11,9 @@ from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.models import Gaussian, Model
+from sigmax.models.bias import joint
 from sigmax.models.checks import finite, numbers
+from sigmax.models.whole import whole
 
 # What a start may be estimated by; a function (x0, w) -> mean besides.
 ESTIMATES = ("prior", "drawn")
@@ -27,7 +29,9 @@ class Study:
 
     Attributes:
         name: short, for folders and tables.
-        model: the model that the filters use.
+        model: the model that the filters use. A random bias of it is drawn with the truth and judged with the
+            state: `model` and `prior` of the study then have it as their last components, `apart` holds
+            what was given.
         prior: what they are told of the state one dt before the first measurement.
         steps: T, the number of measurements.
         dt: seconds between them: one number or (T,).
@@ -80,8 +84,13 @@ class Study:
     optimum_runs: int = 500
     units: Sequence[str] = ()
     about: Sequence[str] = ()
+    apart: Model | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
+        if self.model.bias is not None and self.prior.size == self.model.size and self.prior.mean.ndim == 1:
+            prior = joint(self.prior, self.model.bias.starting(), False)
+            for what, value in (("apart", self.model), ("model", whole(self.model)), ("prior", prior)):
+                object.__setattr__(self, what, value)
         n = self.model.size
         if self.prior.size != n or self.prior.mean.ndim != 1 or self.prior.cov.ndim != 2:
             raise InputError(f"{self.name}: the prior must be of one run: a mean ({n},) and a covariance ({n}, {n})")
@@ -110,6 +119,16 @@ class Study:
                 raise InputError(f"{self.name}: look has the step {step}; there are the steps 1 to {self.steps}")
         if self.units and len(self.units) != n:
             raise InputError(f"{self.name}: units must name {n} units, one a component")
+
+    def told(self, mean: Any) -> tuple[Model, Gaussian]:
+        """The model and the prior about `mean` (B, n) that the filters are told of."""
+        if self.apart is None or self.apart.bias is None:
+            return self.model, Gaussian(mean, self.prior.cov)
+        n = self.apart.size
+        model = copy.copy(self.apart)
+        model.bias = copy.copy(self.apart.bias)
+        model.bias.prior = Gaussian(mean[:, n:], self.prior.cov[n:, n:])
+        return model, Gaussian(mean[:, :n], self.prior.cov[:n, :n])
 
     @property
     def detections(self) -> dict[str, float]:

@@ -63,7 +63,7 @@ class Sums(NamedTuple):
         median2: the same of the square of the median.
         blocks: how many blocks those are.
         lost: runs lost by reason (3,).
-        faults: steps by fault (7,).
+        faults: steps by fault, in the order of `Fault` (9,).
         bins: errors by bin at the times looked at (L, n, bins).
     """
 
@@ -174,7 +174,7 @@ def summed(found: Estimated, truth: np.ndarray, mirrored: np.ndarray | None, by:
         median2=B * medians**2,
         blocks=np.array(1),
         lost=_lost(found, error[:, -1], mirrored, by),
-        faults=np.bincount(found.fault.ravel(), minlength=len(Fault)),
+        faults=np.array([np.count_nonzero(found.fault == f) for f in Fault]),
         bins=bins,
     )
 
@@ -189,7 +189,7 @@ def _by_time(planes: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _lost(found: Estimated, last: np.ndarray, mirrored: np.ndarray | None, by: Yardsticks) -> np.ndarray:
-    failed = (found.fault != 0).any(1)
+    failed = np.any(found.fault > 0, axis=1)
     diverged = ~(np.abs(last) <= by.limit).all(1)
     turned = np.zeros_like(failed)
     if mirrored is not None:

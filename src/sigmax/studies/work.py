@@ -9,7 +9,6 @@ import jax
 import numpy as np
 
 from sigmax.filters import Filter
-from sigmax.models import Gaussian
 from sigmax.running.run import run
 from sigmax.studies.bank import bank
 from sigmax.studies.bound import Information, information
@@ -76,13 +75,12 @@ def _work(pickled: bytes) -> Work:
 def estimate(work: Work, name: str, drawn: Drawn) -> Estimated:
     """What one filter makes of a block."""
     study = work.study
-    prior = Gaussian(drawn.mean, study.prior.cov)
+    model, prior = study.told(drawn.mean)
     z: Any = drawn.z if study.model.several else drawn.z[""]
     keep = ("mean", "factor", "fault", "nis", "dof")
-    found = run(
-        work.filters[name], study.model, prior, z, dt=study.dt, inputs=study.inputs, keep=keep, backend=work.backend
-    )
-    return Estimated(found.mean, found.factor, found.fault, found.nis, found.dof)
+    found = run(work.filters[name], model, prior, z, dt=study.dt, inputs=study.inputs, keep=keep, backend=work.backend)
+    mean, factor = found.joint()
+    return Estimated(mean, factor, found.fault, found.nis, found.dof)
 
 
 def _optimum(work: Work, drawn: Drawn, count: int, seed: tuple[int, ...]) -> Estimated:

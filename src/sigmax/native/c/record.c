@@ -89,7 +89,7 @@ void record(const Record *r, long first, long end) {
                 M heard = v_unequal(K(0), K(0));
                 gather(&sensor->z, first, end, t, given);
                 for (long i = 0; i < m; i++) {
-                    given[i] = v_select(v_equal(fault, K(0)), given[i], missing);
+                    given[i] = v_select(v_at_most(fault, K(0)), given[i], missing);
                     heard |= v_equal(given[i], given[i]);
                 }
                 if (v_any(heard)) {
@@ -99,7 +99,7 @@ void record(const Record *r, long first, long end) {
                     nis += v_select(v_less(K(0), told[DOF]), told[NIS], K(0));
                     dof += told[DOF];
                     likelihood += told[LOG_LIKELIHOOD];
-                    fault = v_select(v_equal(fault, K(0)), told[FAULT], fault);
+                    fault = v_select(v_at_most(fault, K(0)) & v_unequal(told[FAULT], K(0)), told[FAULT], fault);
                 } else {
                     for (long i = 0; i < m; i++) told[RESIDUAL + i] = missing;
                     for (long i = 0; i < m * m; i++) told[RESIDUAL + m + i] = K(0);

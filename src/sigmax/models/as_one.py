@@ -1,0 +1,143 @@
+"""The one sensor that fused sensors make, as an engine takes it."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy import linalg
+
+from sigmax.algebra.factor import Diagonal
+from sigmax.models.bias import Bias
+from sigmax.models.fusion import Block, dense_noise, inputs_behind, name_of
+from sigmax.models.model import Model
+from sigmax.models.noise import OF_MOTION, OF_SENSOR, takes
+
+
+def as_one(model: Model) -> Model:
+    """The model with the one sensor that its fusion makes: what an engine runs."""
+    blocks = model.fusion or ()
+    name, heads = name_of(model), [b.members[0] for b in blocks]
+    extra = inputs_behind(model)
+    driven = tuple(model.sensor_inputs[s] for s in heads)
+    h = _stacked(tuple(model.sensors[s] for s in heads), driven, extra)
+    made = object.__new__(Model)
+    made.__dict__.update(
+        model.__dict__,
+        fusion=None,
+        motion=_fronted(model.motion, 2, extra) if model.motion_inputs else model.motion,
+        sensors={name: h},
+        sensor_inputs={name: any(driven)},
+        measurement={name: _names(model, blocks)},
+        Q=_noise_of_motion(model.Q, extra),
+        R={name: _noise(model, blocks, extra)},
+        bias=None if model.bias is None else _bias(model, model.bias, name, heads, extra),
+    )
+    return made
+
+
+def _names(model: Model, blocks: tuple[Block, ...]) -> tuple[str, ...]:
+    found = [(type(c), f"{'+'.join(b.members)}.{c}") for b in blocks for c in model.measurement[b.members[0]] or ()]
+    return tuple(kind(name) for kind, name in found)
+
+
+def _front(u: Any, extra: int) -> Any:
+    return u[: u.shape[0] - extra]
+
+
+@lru_cache(maxsize=256)
+def _fronted(function: Callable[..., Any], before: int, extra: int) -> Callable[..., Any]:
+    """A function of `before` arguments and u that sees of u what is in front of the last `extra` inputs."""
+    if not extra:
+        return function
+    if before == 1:
+        return lambda x, u: function(x, _front(u, extra))
+    return lambda x, dt, u: function(x, dt, _front(u, extra))
+
+
+@lru_cache(maxsize=256)
+def _stacked(functions: tuple[Callable[..., Any], ...], driven: tuple[bool, ...], extra: int) -> Callable[..., Any]:
+    def all_of(x: jax.Array, *u: jax.Array) -> jax.Array:
+        given = [_front(v, extra) for v in u]
+        return jnp.concatenate([jnp.asarray(h(x, *given[:d])) for h, d in zip(functions, driven, strict=True)])
+
+    if any(driven):
+        return lambda x, u: all_of(x, u)
+    return lambda x: all_of(x)
+
+
+def _noise_of_motion(Q: Any, extra: int) -> Any:
+    return _fronted(Q, 2, extra) if callable(Q) and takes(Q, "Q", OF_MOTION) == 3 else Q
+
+
+def _noise(model: Model, blocks: tuple[Block, ...], extra: int) -> Any:
+    """R of all blocks: numbers where all are numbers, else a function that reads what is given from behind u."""
+    own = [model.R[b.members[0]] for b in blocks]
+    if not extra and not any(map(callable, own)):
+        if all(isinstance(R, Diagonal) for R in own):
+            return Diagonal(np.concatenate([R.entries for R in own]))
+        return linalg.block_diag(*map(dense_noise, own))
+    sizes = tuple(len(b.angular) for b in blocks)
+    numbers = tuple(None if b.given or callable(R) else _key(R) for b, R in zip(blocks, own, strict=True))
+    functions = tuple(R if callable(R) and not b.given else None for b, R in zip(blocks, own, strict=True))
+    return _noise_function(sizes, numbers, functions, extra)
+
+
+def _key(R: Any) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, np.asarray(dense_noise(R)).tolist()))
+
+
+@lru_cache(maxsize=256)
+def _noise_function(
+    sizes: tuple[int, ...], numbers: tuple[Any, ...], functions: tuple[Any, ...], extra: int
+) -> Callable[..., Any]:
+    def R(x: jax.Array, u: jax.Array) -> jax.Array:
+        parts, place = [], u.shape[0] - extra
+        for m, known, function in zip(sizes, numbers, functions, strict=True):
+            if known is not None:
+                parts.append(jnp.asarray(known))
+            elif function is not None:
+                value = jnp.asarray(function(*(x, _front(u, extra))[: takes(function, "R", OF_SENSOR)]))
+                parts.append(jnp.diag(value) if value.ndim == 1 else value)
+            else:
+                parts.append(u[place : place + m * m].reshape(m, m))
+                place += m * m
+        return jax.scipy.linalg.block_diag(*parts)
+
+    if extra or any(f is not None and takes(f, "R", OF_SENSOR) == 2 for f in functions):
+        return R
+    return lambda x: R(x, jnp.zeros(0))
+
+
+def _bias(model: Model, bias: Bias, name: str, heads: list[str], extra: int) -> Bias:
+    """The bias with one F for all blocks."""
+    sizes = [len(model.measurement[s] or ()) for s in heads]
+    Fs = [bias.sensor.get(s) for s in heads]
+    made = object.__new__(Bias)
+    B = bias.motion
+    moved = _fronted(B, 2, extra) if callable(B) and takes(B, "B", OF_MOTION) == 3 else B
+    stacked: Any
+    if any(map(callable, Fs)):
+        key = tuple(F if callable(F) else None if F is None else tuple(map(tuple, np.asarray(F).tolist())) for F in Fs)
+        stacked = _bias_function(key, tuple(sizes), bias.size, extra)
+    else:
+        stacked = np.concatenate([np.zeros((m, bias.size)) if F is None else F for F, m in zip(Fs, sizes, strict=True)])
+    made.__dict__.update(bias.__dict__, motion=moved, Q=_noise_of_motion(bias.Q, extra), sensor={name: stacked})
+    return made
+
+
+@lru_cache(maxsize=256)
+def _bias_function(Fs: tuple[Any, ...], sizes: tuple[int, ...], p: int, extra: int) -> Callable[..., Any]:
+    def F(x: jax.Array, *u: jax.Array) -> jax.Array:
+        given = (x, *(_front(v, extra) for v in u))
+        parts = []
+        for f, m in zip(Fs, sizes, strict=True):
+            value = f(*given[: takes(f, "F", OF_SENSOR)]) if callable(f) else jnp.zeros((m, p)) if f is None else f
+            parts.append(jnp.asarray(value, float))
+        return jnp.concatenate(parts)
+
+    if any(callable(f) and takes(f, "F", OF_SENSOR) == 2 for f in Fs):
+        return lambda x, u: F(x, u)
+    return lambda x: F(x)

@@ -1,0 +1,185 @@
+"""A random bias of motion and sensors: constants that nobody knows, or that wander slowly."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.errors import InputError, unknown
+from sigmax.models.checks import finite, is_traced, numbers
+from sigmax.models.gaussian import Gaussian
+from sigmax.models.noise import OF_MOTION, OF_SENSOR, noise, takes
+
+
+@jax.tree_util.register_pytree_node_class
+class Bias:
+    """A bias b (p,) that adds B b to every motion and F b to a sensor: x⁺ = f(x) + B b, z = h(x) + F b, b⁺ = b + w.
+
+    The filter estimates it beside the state (Zhang et al., (14)); no state is put together by hand.
+
+    Args:
+        prior: of the bias, N(b0, P_b0), (p,) or (B, p) for a batch.
+        motion: B (n, p), added at every prediction as it stands, or a function `B(dt)`, `B(x, dt)` or
+            `B(x, dt, u)` that gives it for the interval; None where the motion has no bias.
+        sensor: F (m, p), or a function `F(x)` or `F(x, u)`; by name where there are several sensors, those
+            that are not named having no bias. What depends on time takes it from the inputs u, and x is
+            the estimate: with F = range a bias in the scale of the range is linearised.
+        Q: noise of the bias as in `Model`: variances (p,) or a covariance per second, or a function of dt;
+            None for a constant.
+        names: of the components; counted where they are not given.
+
+    Raises:
+        InputError: for shapes or numbers that do not fit.
+    """
+
+    def __init__(
+        self,
+        *,
+        prior: Gaussian,
+        motion: Any = None,
+        sensor: Any = None,
+        Q: Any = None,
+        names: Sequence[str] | None = None,
+    ) -> None:
+        if not isinstance(prior, Gaussian):
+            raise InputError(f"the prior of a bias must be a sigmax.Gaussian, it is {type(prior).__name__}")
+        p = prior.size
+        self.prior: Gaussian | None = prior
+        self.names = tuple(names) if names is not None else tuple(f"bias{i}" for i in range(p))
+        if len(set(self.names)) != p:
+            raise InputError(
+                f"names must be {p} different names, one a component of the bias; given {list(self.names)}"
+            )
+        if motion is None and sensor is None:
+            raise InputError("a bias must act on something: give motion=, sensor= or both")
+        self.motion = coefficients("the motion's bias B", motion, p, OF_MOTION)
+        given = sensor if isinstance(sensor, Mapping) else {"": sensor}
+        self.by_name = isinstance(sensor, Mapping)
+        self.sensor = {
+            s: coefficients(f"the bias F of the sensor {s!r}" if s else "the sensor's bias F", F, p, OF_SENSOR)
+            for s, F in given.items()
+            if F is not None
+        }
+        self.Q = noise("the bias's Q", np.zeros(p) if Q is None else Q, self.names, OF_MOTION)
+        # Where the bias stands in what a filter carries: behind the state, or before it.
+        self.first = False
+
+    @property
+    def size(self) -> int:
+        """p, the number of components."""
+        return len(self.names)
+
+    def starting(self) -> Gaussian:
+        """Its prior.
+
+        Raises:
+            InputError: where it has none left.
+        """
+        if self.prior is None:
+            raise InputError("this bias was prepared for an engine and has no prior; take the model you made")
+        return self.prior
+
+    def fitted(self, state: Sequence[str], sensors: Mapping[str, Sequence[str] | None], several: bool) -> "Bias":
+        """The bias, checked against the model it belongs to.
+
+        Raises:
+            InputError: where it does not fit.
+        """
+        if several != self.by_name and self.sensor:
+            kind = "several sensors: give sensor= as a dict by name" if several else "one sensor: give sensor=F itself"
+            raise InputError(f"the model has {kind} in Bias")
+        for s in self.sensor:
+            if s not in sensors:
+                raise unknown("sensor", s, sensors)
+        same = set(state) & set(self.names)
+        if same:
+            raise InputError(f"state and bias have components of the same name: {sorted(same)}; give Bias(names=…)")
+        _check_rows("the motion's bias B", self.motion, state)
+        for s, F in self.sensor.items():
+            _check_rows(f"the bias F of the sensor {s!r}" if s else "the sensor's bias F", F, sensors[s])
+        return self
+
+    def placed(self, first: bool) -> "Bias":
+        """The bias as an engine carries it: before or behind the state, without the prior."""
+        made = object.__new__(Bias)
+        made.__dict__.update(self.__dict__, first=first, prior=None)
+        return made
+
+    def __repr__(self) -> str:
+        return f"Bias({', '.join(self.names)})"
+
+    def tree_flatten(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """For JAX: numbers are data, functions tell one bias from another."""
+        values = (self.motion, *self.sensor.values(), self.Q)
+        leaves = tuple(None if callable(v) else v for v in values)
+        functions = tuple(v if callable(v) else None for v in values)
+        return (*leaves, self.prior), (functions, tuple(self.sensor), self.names, self.by_name, self.first)
+
+    @classmethod
+    def tree_unflatten(cls, aux: tuple[Any, ...], leaves: tuple[Any, ...]) -> "Bias":
+        """For JAX: values pass unchecked."""
+        functions, sensors, names, by_name, first = aux
+        made = object.__new__(cls)
+        *values, prior = leaves
+        B, *Fs, Q = (v if f is None else f for v, f in zip(values, functions, strict=True))
+        made.__dict__.update(
+            motion=B,
+            sensor=dict(zip(sensors, Fs, strict=True)),
+            Q=Q,
+            prior=prior,
+            names=names,
+            by_name=by_name,
+            first=first,
+        )
+        return made
+
+
+def coefficients(what: str, given: Any, p: int, allowed: tuple[int, ...]) -> Any:
+    """A matrix with a column for each component of the bias, or the function that gives it."""
+    if given is None:
+        return None
+    if callable(given):
+        takes(given, what, allowed)
+        return given
+    value = numbers(what, given)
+    if value.ndim == 1 and p == 1:
+        value = value[:, None]
+    if value.ndim != 2 or value.shape[1] != p:
+        raise InputError(f"{what} must have a column for each of the {p} components of the bias; it has {value.shape}")
+    finite(what, value)
+    return value
+
+
+def _check_rows(what: str, value: Any, names: Sequence[str] | None) -> None:
+    if value is None or callable(value) or names is None:
+        return
+    if value.shape[0] != len(names):
+        raise InputError(f"{what} must have {len(names)} rows, one for each of {list(names)}; it has {value.shape[0]}")
+
+
+def joint(prior: Gaussian, bias: Gaussian, first: bool) -> Gaussian:
+    """The prior of state and bias together, (a,) or (B, a), the two independent of each other.
+
+    Raises:
+        InputError: where both have a batch, of different size.
+    """
+    parts = (bias, prior) if first else (prior, bias)
+    array: Any = jnp if is_traced(parts) else np
+    batches = {len(p.mean) for p in parts if p.mean.ndim == 2} | {len(p.cov) for p in parts if p.cov.ndim == 3}
+    if len(batches) > 1:
+        raise InputError(f"the priors of state and bias have batches of different size: {sorted(batches)}")
+    of_mean, of_cov = (array.broadcast_shapes(*shapes) for shapes in zip(*_batches(parts), strict=True))
+    mean = array.concatenate([array.broadcast_to(p.mean, (*of_mean, p.size)) for p in parts], -1)
+    n, m = (p.size for p in parts)
+    P, Q = (array.broadcast_to(p.cov, (*of_cov, p.size, p.size)) for p in parts)
+    zero = array.zeros((*of_cov, n, m))
+    upper, lower = (array.concatenate(row, -1) for row in ((P, zero), (array.swapaxes(zero, -1, -2), Q)))
+    made = object.__new__(Gaussian)
+    made.mean, made.cov = mean, array.concatenate([upper, lower], -2)
+    return made
+
+
+def _batches(parts: Sequence[Gaussian]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    return [(p.mean.shape[:-1], p.cov.shape[:-2]) for p in parts]

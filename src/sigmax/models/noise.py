@@ -1,0 +1,64 @@
+"""Noises of motions and sensors as the engine keeps them."""
+
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from sigmax.algebra.factor import Diagonal
+from sigmax.errors import InputError
+from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
+
+Noise = Any  # an array, a Diagonal of variances, or a function that gives either
+
+# How many arguments the functions of a noise may take: Q(dt), Q(x, dt), Q(x, dt, u); R(x), R(x, u).
+OF_MOTION = (1, 2, 3)
+OF_SENSOR = (1, 2)
+
+
+def takes(function: Callable[..., Any], what: str, allowed: tuple[int, ...]) -> int:
+    """How many of the `allowed` numbers of positional arguments a user's function takes."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return allowed[0]
+    positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
+        return allowed[-1]
+    required = sum(p.default is p.empty for p in positional)
+    fitting = [k for k in allowed if required <= k <= len(positional)]
+    if not fitting:
+        wanted = " or ".join(map(str, allowed))
+        raise InputError(f"{what} must take {wanted} positional arguments, it takes {required}")
+    return fitting[0] if required < len(positional) else fitting[-1]
+
+
+def noise(label: str, given: Any, components: Sequence[str] | None, allowed: tuple[int, ...]) -> Noise:
+    """A noise as a function of so many arguments as are `allowed`, a diagonal or a matrix.
+
+    Raises:
+        InputError: where it does not fit the components, or is no covariance.
+    """
+    if isinstance(given, Diagonal):
+        return given
+    if callable(given):
+        takes(given, label, allowed)
+        return given
+    value = numbers(label, given)
+    n = len(components) if components is not None else value.shape[-1]
+    if value.ndim == 0 and n == 1:
+        value = value[None]
+    if value.shape == (n,):
+        if not is_traced(value):
+            symmetric_semidefinite(label, np.diag(value))
+        return Diagonal(value)
+    if value.shape != (n, n):
+        raise InputError(
+            f"{label} must be a covariance of shape {(n, n)} or {n} variances, for {list(components or [])}; "
+            f"this one has the shape {value.shape}"
+        )
+    symmetric_semidefinite(label, value)
+    if not is_traced(value) and np.count_nonzero(value - np.diag(np.diagonal(value))) == 0:
+        return Diagonal(np.diagonal(value).copy())
+    return value

@@ -1,0 +1,126 @@
+"""A model with its bias as the last components of its state: what truth is drawn from."""
+
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.algebra.factor import Diagonal
+from sigmax.models.model import Model
+from sigmax.models.noise import OF_MOTION, OF_SENSOR, takes
+
+
+def whole(model: Model) -> Model:
+    """The same without a bias: its components stand behind those of the state, in motion, sensors and noise.
+
+    Filters take the model with its bias; this is for all that knows states alone.
+    """
+    bias = model.bias
+    if bias is None:
+        return model
+    n = model.size
+    sensors = {s: _sensor(h, model.sensor_inputs[s], n, _fixed(bias.sensor.get(s))) for s, h in model.sensors.items()}
+    made = object.__new__(Model)
+    made.__dict__.update(
+        model.__dict__,
+        motion=_motion(model.motion, model.motion_inputs, n, _fixed(bias.motion)),
+        motion_inputs=model.motion_driven,
+        sensors=sensors,
+        sensor_inputs={s: model.sensor_driven(s) for s in model.sensors},
+        state=(*model.state, *bias.names),
+        Q=_noise(model.Q, bias.Q, n),
+        R={s: _of_state(R, n) if callable(R) else R for s, R in model.R.items()},
+        domain=None if model.domain is None else _domain(model.domain, n),
+        bias=None,
+        fusion=None,
+    )
+    return made
+
+
+def _fixed(C: Any) -> Any:
+    """Numbers by their values, so that equal ones give the same function."""
+    return C if C is None or callable(C) else tuple(map(tuple, np.asarray(C).tolist()))
+
+
+def _added(C: Any, b: jax.Array) -> Any:
+    return 0.0 if C is None else jnp.asarray(C) @ b
+
+
+@lru_cache(maxsize=64)
+def _motion(f: Any, driven: bool, n: int, B: Any) -> Any:
+    def moved(X: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
+        x, b = X[:n], X[n:]
+        count = takes(B, "B", OF_MOTION) if callable(B) else 0
+        C = B if not count else B(dt) if count == 1 else B(*(x, dt, *u)[:count])
+        return jnp.concatenate([jnp.asarray(f(x, dt, *u[:driven])) + _added(C, b), b])
+
+    if driven or (callable(B) and takes(B, "B", OF_MOTION) == 3):
+        return lambda X, dt, u: moved(X, dt, u)
+    return lambda X, dt: moved(X, dt)
+
+
+@lru_cache(maxsize=64)
+def _sensor(h: Any, driven: bool, n: int, F: Any) -> Any:
+    def seen(X: jax.Array, *u: jax.Array) -> jax.Array:
+        x, b = X[:n], X[n:]
+        C = F(*(x, *u)[: takes(F, "F", OF_SENSOR)]) if callable(F) else F
+        return jnp.asarray(h(x, *u[:driven])) + _added(C, b)
+
+    if driven or (callable(F) and takes(F, "F", OF_SENSOR) == 2):
+        return lambda X, u: seen(X, u)
+    return lambda X: seen(X)
+
+
+@lru_cache(maxsize=64)
+def _domain(domain: Any, n: int) -> Any:
+    return lambda X: jnp.concatenate([domain(X[:n]), X[n:]])
+
+
+@lru_cache(maxsize=64)
+def _of_state(R: Any, n: int) -> Any:
+    if takes(R, "R", OF_SENSOR) == 2:
+        return lambda X, u: R(X[:n], u)
+    return lambda X: R(X[:n])
+
+
+def _noise(Q: Any, Qb: Any, n: int) -> Any:
+    """The noise of both: numbers, or a function of the interval alone where it can be one."""
+    if isinstance(Q, Diagonal) and isinstance(Qb, Diagonal):
+        return Diagonal(np.concatenate([Q.entries, Qb.entries]))
+    parts = tuple(part if callable(part) else _Numbers(part) for part in (Q, Qb))
+    return _noise_function(parts, n)
+
+
+class _Numbers:
+    """A noise in numbers by its values, so that equal ones give the same function."""
+
+    def __init__(self, noise: Any) -> None:
+        M = np.diag(noise.entries) if isinstance(noise, Diagonal) else np.asarray(noise)
+        self.rows = tuple(map(tuple, M.tolist()))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Numbers) and self.rows == other.rows
+
+    def __hash__(self) -> int:
+        return hash(self.rows)
+
+
+@lru_cache(maxsize=64)
+def _noise_function(parts: tuple[Any, Any], n: int) -> Any:
+    def one(part: Any, given: tuple[Any, ...]) -> Any:
+        x, dt, *u = given
+        if isinstance(part, _Numbers):
+            return jnp.asarray(part.rows) * dt
+        count = takes(part, "Q", OF_MOTION)
+        value = jnp.asarray(part(dt) if count == 1 else part(*(x, dt, *u)[:count]))
+        return jnp.diag(value) if value.ndim == 1 else value
+
+    def Q(X: Any, dt: Any, *u: Any) -> Any:
+        return jax.scipy.linalg.block_diag(*(one(part, (X if X is None else X[:n], dt, *u)) for part in parts))
+
+    most = max(1 if isinstance(part, _Numbers) else takes(part, "Q", OF_MOTION) for part in parts)
+    if most == 1:
+        return lambda dt: Q(None, dt)
+    return (lambda X, dt: Q(X, dt)) if most == 2 else (lambda X, dt, u: Q(X, dt, u))

@@ -1,0 +1,87 @@
+"""What fused sensors need around a run: how they were fused, and what their members say of each other."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.errors import InputError, unknown
+from sigmax.filters import Filter
+from sigmax.models.as_one import as_one
+from sigmax.models.checks import is_traced
+from sigmax.models.fusion import Fused, chosen, inputs_behind, name_of, put_together
+from sigmax.models.model import Model
+from sigmax.rules import Marginal, Taylor1
+from sigmax.running.step import LOG_2PI, Innovation
+
+
+def additive(filter: Filter) -> bool:
+    """Whether the contributions of sensors to the information add up: there is no Ω, or it is left out of W."""
+    rule = filter.correct.rule if isinstance(filter.correct, Marginal) else filter.correct
+    form = filter.form.name
+    return form.endswith("as printed") or ("information" in form and isinstance(rule, Taylor1))
+
+
+def how(filter: Filter, model: Model) -> tuple[tuple[str, str], ...]:
+    """How each sensor is fused, by its name; nothing where they are not."""
+    return tuple(chosen(model, additive(filter)).items())
+
+
+class Members(NamedTuple):
+    """The sensors of a live filter that are fused: what comes at once, as one measurement.
+
+    Attributes:
+        model: with its sensors apart.
+        name: of the one sensor.
+    """
+
+    model: Model
+    name: str
+
+    @classmethod
+    def of(cls, model: Model) -> "tuple[Members | None, Model]":
+        """The members, if there are any, and the model as an engine takes it."""
+        return (None, model) if model.fusion is None else (cls(model, name_of(model)), as_one(model))
+
+    def inputs(self, u: Any) -> Any:
+        """Inputs of a prediction, with nothing where the covariances of measurements stand."""
+        return None if u is None else np.concatenate([u, np.zeros((*np.shape(u)[:-1], inputs_behind(self.model)))], -1)
+
+    def together(self, z: Any, u: Any) -> Fused:
+        """Measurements by name as one.
+
+        Raises:
+            InputError: where they are not given by name.
+        """
+        if not isinstance(z, Mapping):
+            raise InputError(f"the sensors are fused: give what came at once as a dict by name of {list(self.model.R)}")
+        for s in z:
+            if s not in self.model.sensors:
+                raise unknown("sensor", s, self.model.sensors)
+        return put_together(self.model, {s: np.asarray(v, float) for s, v in z.items()}, u)
+
+
+def with_members(parts: dict[str, Any], total: Any, fused: Fused) -> tuple[Any, dict[str, Any]]:
+    """Log-likelihood, NIS and counts as of all members, from those of what they were put together to."""
+    array: Any = jnp if is_traced((parts, total, fused)) else np
+    used = parts["dof"] > 0
+    added = array.where(used, fused.disagreement, 0.0)
+    merged = array.where(used, fused.components, 0).astype(parts["dof"].dtype)
+    likelihood = -array.where(used, fused.volume, 0.0) - (added + merged * LOG_2PI) / 2
+    changed = {"nis": added, "dof": merged, "step_log_likelihood": likelihood}
+    parts = parts | {name: parts[name] + change for name, change in changed.items() if name in parts}
+    return total + likelihood.sum(-1), parts
+
+
+def with_members_live(told: Innovation, fused: Fused) -> Innovation:
+    """The same for one step."""
+    one = {"nis": told.nis, "dof": told.dof, "step_log_likelihood": told.log_likelihood}
+    _, parts = with_members({k: np.asarray(v)[..., None] for k, v in one.items()}, 0.0, _over_time(fused))
+    nis, dof, likelihood = (parts[k][..., 0] for k in one)
+    return told._replace(nis=nis, dof=dof, log_likelihood=likelihood)
+
+
+def _over_time(fused: Fused) -> Fused:
+    sums = (np.asarray(a)[..., None] for a in (fused.disagreement, fused.components, fused.volume))
+    return Fused(fused.z, fused.u, *sums)

@@ -1,0 +1,256 @@
+"""Sensors corrected together: the central filter, however it is come by."""
+
+from functools import cache
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import sigmax
+from tests.laws.problems import DT
+
+STEPS = 40
+PRIOR = sigmax.Gaussian([3.0, 2.0, 0.1, -0.05], np.diag([0.4, 0.3, 0.05, 0.05]))
+MOVING = sigmax.motions.constant_velocity()
+Q = MOVING.noise(0.02)
+
+
+def bearings(x):
+    return jnp.stack([jnp.arctan2(x[1], x[0]), jnp.arctan2(x[1], x[0] + 4)])
+
+
+def distance(x):
+    return jnp.hypot(x[0] - 6, x[1])[None]
+
+
+ANGLES = (sigmax.angle("left"), sigmax.angle("right"))
+R = {
+    "west": np.array([[0.02, 0.006], [0.006, 0.03]]),
+    "east": np.array([0.01, 0.02]),
+    "south": np.array([[0.03, -0.01], [-0.01, 0.02]]),
+    "sonar": np.array([0.04]),
+}
+BIAS = sigmax.Gaussian([0.02], [0.01])
+
+
+def model(names, bias=True):
+    sensor = {s: distance if s == "sonar" else bearings for s in names}
+    F = {s: np.ones((1 if s == "sonar" else 2, 1)) for s in names if s != "sonar"}
+    return sigmax.Model(
+        motion=MOVING,
+        sensor=sensor,
+        measurement={s: ("range",) if s == "sonar" else ANGLES for s in names},
+        Q=Q,
+        R={s: R[s] for s in names},
+        bias=sigmax.Bias(sensor=F, prior=BIAS, Q=[1e-4]) if bias else None,
+    )
+
+
+def central(names, bias=True):
+    """The same by hand: one sensor that measures everything, its R block by block."""
+    blocks = [np.diag(R[s]) if R[s].ndim == 1 else R[s] for s in names]
+    whole = np.zeros((sum(map(len, blocks)),) * 2)
+    place = 0
+    for block in blocks:
+        whole[place : place + len(block), place : place + len(block)] = block
+        place += len(block)
+    F = np.concatenate([np.zeros((1, 1)) if s == "sonar" else np.ones((2, 1)) for s in names])
+    measured = [
+        sigmax.angle(f"{s}{i}") if s != "sonar" else f"{s}{i}" for s in names for i in range(1 if s == "sonar" else 2)
+    ]
+    return sigmax.Model(
+        motion=MOVING,
+        sensor=lambda x: jnp.concatenate([distance(x) if s == "sonar" else bearings(x) for s in names]),
+        measurement=measured,
+        Q=Q,
+        R=whole,
+        bias=sigmax.Bias(sensor=F, prior=BIAS, Q=[1e-4]) if bias else None,
+    )
+
+
+@cache
+def record():
+    """Each sensor now and then: whole, in part, or not at all; angles turned by whole circles."""
+    rng = np.random.default_rng(5)
+    x = np.array([3.2, 1.8, 0.12, -0.04])
+    z = {s: [] for s in R}
+    for _ in range(STEPS):
+        x = np.asarray(MOVING.function(x, DT))
+        for s in R:
+            h = np.asarray((distance if s == "sonar" else bearings)(x))
+            z[s].append(h + (0.05 if s != "sonar" else 0) + 0.1 * rng.standard_normal(len(h)))
+    z = {s: np.array(v) for s, v in z.items()}
+    z["west"][3] = z["east"][4:8] = z["south"][6, 0] = z["sonar"][::3] = np.nan
+    for s in z:
+        z[s][7] = np.nan
+    for s in ("west", "south"):
+        z[s] += 2 * np.pi * rng.integers(-1, 2, z[s].shape)
+    return z
+
+
+def gap(a, b):
+    return max(np.abs((a.mean - b.mean) / b.std).max(), np.abs(a.cov - b.cov).max() / b.cov.max())
+
+
+@cache
+def by_hand(filter, names):
+    return sigmax.run(filter, central(names), PRIOR, np.concatenate([record()[s] for s in names], -1), dt=DT)
+
+
+@cache
+def fused(filter, names):
+    return sigmax.run(filter, sigmax.fused(model(names)), PRIOR, {s: record()[s] for s in names}, dt=DT)
+
+
+ALIKE = ("west", "east", "south")
+MIXED = ("west", "sonar", "east")
+
+
+@pytest.mark.parametrize("names", [ALIKE, MIXED], ids=["alike", "mixed"])
+@pytest.mark.parametrize("filter", ["CKF", "MTSHCIF", "TSCIF"])
+def test_fused_sensors_are_the_central_filter(filter, names):
+    """Also NIS, its degrees of freedom and the likelihood are those of all the members."""
+    got, want = fused(filter, names), by_hand(filter, names)
+    assert got.ok.all()
+    assert gap(got, want) < 1e-9
+    assert np.abs((got.bias_mean - want.bias_mean) / want.bias_std).max() < 1e-9
+    assert np.array_equal(got.dof, want.dof)
+    assert np.allclose(got.nis, want.nis, rtol=1e-8, equal_nan=True)
+    assert got.log_likelihood == pytest.approx(want.log_likelihood, rel=1e-9)
+    assert got.fusion == {s: "stacked" if s == "sonar" else "compressed" for s in names}
+
+
+def test_one_after_the_other_is_another_filter():
+    """Points are drawn anew between the sensors; where there are none, nothing differs on a linear sensor."""
+    apart = sigmax.run("CKF", model(ALIKE), PRIOR, {s: record()[s] for s in ALIKE}, dt=DT)
+    assert apart.fusion == {}
+    assert gap(apart, by_hand("CKF", ALIKE)) > 1e-4
+
+
+def test_the_order_of_fused_sensors_does_not_matter():
+    a, b = (fused("TSCIF", names) for names in (MIXED, ("sonar", "east", "west")))
+    assert gap(a, b) < 1e-11
+    assert a.log_likelihood == pytest.approx(b.log_likelihood, rel=1e-12)
+
+
+@pytest.mark.parametrize(("filter", "options"), [("EIF", {}), ("CIF", {"information": "paper"})])
+def test_what_is_summed_is_said(filter, options):
+    """Without Ω the contributions of different sensors add up, and stacking them is that sum."""
+    chosen = sigmax.get(filter, **options)
+    got = fused(chosen, MIXED)
+    assert got.fusion == {"west": "compressed", "sonar": "summed", "east": "compressed"}
+    assert gap(got, by_hand(chosen, MIXED)) < 1e-9
+
+
+def test_live_takes_what_came_at_once():
+    z = {s: record()[s] for s in MIXED}
+    live = sigmax.Live("TSCIF", sigmax.fused(model(MIXED)), PRIOR)
+    whole = fused("TSCIF", MIXED)
+    for k in range(10):
+        heard = {s: v[k] for s, v in z.items() if np.isfinite(v[k]).any()}
+        live.predict(DT)
+        told = live.update(heard or {"west": z["west"][k]})
+        assert np.allclose(live.mean, whole.mean[k], rtol=1e-10)
+        assert np.allclose(live.bias_mean, whole.bias_mean[k], rtol=1e-8)
+        assert np.allclose(told.nis, whole.nis[k], rtol=1e-8, equal_nan=True)
+    with pytest.raises(sigmax.InputError, match="as a dict by name"):
+        live.update(z["west"][0])
+    with pytest.raises(sigmax.InputError, match="unknown sensor"):
+        live.update({"wset": z["west"][0]})
+
+
+def test_a_batch_with_gaps_of_its_own_and_a_smoother():
+    z = {s: np.array([record()[s], record()[s][::-1]]) for s in MIXED}
+    together = sigmax.fused(model(MIXED))
+    batch = sigmax.run("TSCIF", together, PRIOR, z, dt=DT)
+    alone = sigmax.run("TSCIF", together, PRIOR, {s: v[1] for s, v in z.items()}, dt=DT)
+    assert np.allclose(batch.mean[0], fused("TSCIF", MIXED).mean, rtol=1e-12)
+    assert np.allclose(batch.mean[1], alone.mean, rtol=1e-12)
+    assert np.allclose(batch.nis[1], alone.nis, equal_nan=True)
+    smoothed = sigmax.smooth("TSCIF", together, batch, dt=DT)
+    assert (smoothed.std[0, 0] < batch.std[0, 0]).all()
+
+
+def test_what_cannot_be_fused_is_refused(tmp_path):
+    with pytest.raises(sigmax.InputError, match="sensors apart"):
+        sigmax.export_c("CKF", sigmax.fused(model(ALIKE)), PRIOR, tmp_path)
+    with pytest.raises(sigmax.InputError, match="nothing to fuse"):
+        sigmax.fused(central(ALIKE))
+    unnamed = sigmax.Model(
+        motion=MOVING, sensor={"a": bearings, "b": distance}, Q=Q, R={"a": lambda x: jnp.ones(2), "b": [1.0]}
+    )
+    with pytest.raises(sigmax.InputError, match="name the components of the sensor 'a'"):
+        sigmax.fused(unnamed)
+
+
+def stations(filter, names, fusing):
+    """A filter for each station, all in step, and the messages of one instant as they go over the wire."""
+    return {s: sigmax.Live(filter, fusing, PRIOR) for s in names}
+
+
+def heard(names, k):
+    return {s: record()[s][k] for s in names}
+
+
+def test_stations_answer_what_the_central_filter_answers():
+    """Each tells the others R⁻¹ z and R⁻¹; what comes late in a message or not at all is left out."""
+    names = MIXED
+    whole = by_hand("TSCIF", names)
+    there = stations("TSCIF", names[:2], sigmax.fused(model(names), messages=True))
+    for k in range(12):
+        messages = []
+        for live in there.values():
+            live.predict(DT)
+        for s, z in heard(names, k).items():
+            messages.append(sigmax.contribution(there["west"], z, s, time=k * DT).to_json())
+        for order, live in zip((1, -1), there.values(), strict=True):
+            told = sigmax.absorb(live, [sigmax.Contribution.from_json(m) for m in messages[::order]])
+            assert live.ok
+            assert np.allclose(live.mean, whole.mean[k], rtol=1e-9)
+            assert np.allclose(live.bias_mean, whole.bias_mean[k], rtol=1e-7)
+            assert np.allclose(live.bias_cov, whole.bias_cov[k], rtol=1e-9)
+            assert np.allclose(told.nis, whole.nis[k], rtol=1e-7, equal_nan=True)
+            assert told.dof == whole.dof[k]
+            if told.dof:
+                assert np.allclose(told.log_likelihood, whole.step_log_likelihood[k], rtol=1e-7)
+
+
+@pytest.mark.parametrize(("filter", "options"), [("SREIF", {}), ("TSCIF", {"information": "paper"})])
+def test_contributions_to_the_state_add_up(filter, options):
+    """Where there is no Ω, or it is left out, a receiver need not know the sensors: (i, I) is enough."""
+    names = ("sonar", "west")
+    chosen = sigmax.get(filter, **options)
+    here, there = (sigmax.Live(chosen, model(names), PRIOR) for _ in range(2))
+    whole = by_hand(chosen, names)
+    for k in range(8):
+        messages = []
+        for live in (here, there):
+            live.predict(DT)
+        for s, z in heard(names, k).items():
+            messages.append(sigmax.contribution(there, z, s, space="state").to_json())
+        for live in (here, there):
+            sigmax.absorb(live, map(sigmax.Contribution.from_json, messages))
+            assert np.allclose(live.mean, whole.mean[k], rtol=1e-9)
+            assert np.allclose(live.cov, whole.cov[k], rtol=1e-8, atol=1e-12)
+            assert np.allclose(live.bias_mean, whole.bias_mean[k], rtol=1e-7)
+
+
+def test_messages_that_do_not_fit_are_refused():
+    names = ("sonar", "west")
+    live = sigmax.Live("TSCIF", sigmax.fused(model(names), messages=True), PRIOR)
+    one = sigmax.contribution(live, record()["west"][0], "west")
+    with pytest.raises(sigmax.InputError, match="do not add up, for its sensors share"):
+        sigmax.contribution(live, record()["west"][0], "west", space="state")
+    with pytest.raises(sigmax.InputError, match="messages=True"):
+        sigmax.absorb(sigmax.Live("TSCIF", model(names), PRIOR), [one])
+    with pytest.raises(sigmax.InputError, match="unknown sensor"):
+        sigmax.absorb(live, [one._replace(sensor="north")])
+    with pytest.raises(sigmax.InputError, match="of measurements and of the state"):
+        sigmax.absorb(live, [one, one._replace(space="state")])
+    for text in ("", "{}", '{"format": "another"}', one.to_json().replace('"seen"', '"sean"')):
+        with pytest.raises(sigmax.InputError, match="format"):
+            sigmax.Contribution.from_json(text)
+    with pytest.raises(sigmax.InputError, match="must be"):
+        sigmax.Contribution.from_json(one._replace(vector=np.zeros(3)).to_json())
+    with pytest.raises(sigmax.InputError, match="finite"):
+        sigmax.Contribution.from_json(one._replace(vector=np.full(2, np.nan)).to_json())
