@@ -4,6 +4,7 @@ from sigmax.models import motions, sensors
 from sigmax.models.derivatives import with_derivatives
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, angle
+from sigmax.models.opaque import opaque
 from sigmax.models.parts import Motion, Sensor
 
-__all__ = ["Gaussian", "Model", "Motion", "Sensor", "angle", "motions", "sensors", "with_derivatives"]
+__all__ = ["Gaussian", "Model", "Motion", "Sensor", "angle", "motions", "opaque", "sensors", "with_derivatives"]

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.arrays import lift, spread
+from sigmax.algebra.arrays import Lifted, spread
 from sigmax.algebra.factor import Diagonal, Matrix, cholesky, safe_sqrt
 from sigmax.models.model import Model, Noise, takes
 from sigmax.rules.linearization import Function
@@ -17,13 +17,13 @@ Noisy = tuple[Matrix, jax.Array]
 def moving(model: Model, dt: jax.Array, u: jax.Array | None, batched: bool) -> Function:
     """The motion over dt () or (B,), with inputs (k,) or (k, B)."""
     arguments = [(dt, 0)] + ([(u, 1)] if model.motion_inputs and u is not None else [])
-    return lift(model.motion, arguments, batched)
+    return Lifted(model.motion, arguments, batched)
 
 
 def sensing(model: Model, sensor: str, u: jax.Array | None, batched: bool) -> Function:
     """A sensor with inputs (k,) or (k, B)."""
     arguments = [(u, 1)] if model.sensor_inputs[sensor] and u is not None else []
-    return lift(model.sensors[sensor], arguments, batched)
+    return Lifted(model.sensors[sensor], arguments, batched)
 
 
 def noise_root(Q: Noise) -> Matrix | None:

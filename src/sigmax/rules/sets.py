@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sigmax.dependence.line import grouped
 from sigmax.errors import InputError
 
 _LARGEST = 20_000
@@ -41,6 +42,55 @@ class SigmaSet(NamedTuple):
     def evaluations(self) -> int:
         """The number of points."""
         return 2 * len(self.pairs) + len(self.singles) + (self.centre is not None)
+
+    @property
+    def points(self) -> np.ndarray:
+        """All points (evaluations, n): one of each pair, the other ones, the singles, the centre."""
+        centre = np.zeros((int(self.centre is not None), self.dimension))
+        return np.concatenate([self.pairs, -self.pairs, self.singles, centre])
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """How many different points there are by their first 0, 1, … n coordinates."""
+        return tuple(len(first) for first in grouped(self.points).first)
+
+    @property
+    def elements(self) -> tuple[int, ...]:
+        """ξ (n,): how many different values each component takes where the factor is triangular.
+
+        Belov et al., (7)-(9): 3, 5, … 2n − 1, 2n of the 2n points and 3, 5, … 2n + 1 of the 2n + 1; of the
+        simplex 2, 3, … n + 1, or 3, 4, … n + 1, n + 1 with its rows reversed ((8) and (9) corrected).
+        """
+        return self.counts[1:]
+
+    def projected(self, size: int) -> "SigmaSet":
+        """The set by its first coordinates alone, points that fall together being one: a set for N(0, I) again."""
+        if size == self.dimension:
+            return self
+        points, (first, where) = self.points[:, :size], (g[size] for g in grouped(self.points))
+        k = len(self.pairs)
+        if not k:
+            return self._replace(
+                singles=points[first], single_weights=np.bincount(where, self.single_weights), pairs=points[:0]
+            )
+        middle = np.flatnonzero(~points.any(1))
+        weights = np.concatenate([self.pair_weights, self.pair_weights])
+        together = np.bincount(where[: 2 * k], weights)
+        # Of each pair of points that are left, one; each of a pair has the weights of all that fell on it.
+        kept = [i for i in first if i < 2 * k and i not in middle]
+        halves = [i for i in kept if i < first[where[(i + k) % (2 * k)]]]
+        at_centre = float(weights[middle[middle < 2 * k]].sum())
+        centre, of_covariance = (self.centre or 0.0) + at_centre, self.centre_covariance + at_centre
+        pair_weights = together[where[halves]]
+        used = pair_weights != 0
+        return SigmaSet(
+            points[halves][used],
+            pair_weights[used],
+            points[:0],
+            np.empty(0),
+            None if centre == 0.0 and of_covariance == 0.0 else centre,
+            of_covariance,
+        )
 
 
 Family = Callable[..., SigmaSet]
@@ -150,14 +200,18 @@ def cubature(n: int, degree: int = 3) -> SigmaSet:
     return _symmetric(points, weights, 2 / (n + 2))
 
 
-def simplex(n: int) -> SigmaSet:
-    """N + 1 points of equal weight, exact to degree 2; the first component takes two values only."""
+def simplex(n: int, reverse: bool = False) -> SigmaSet:
+    """N + 1 points of equal weight, exact to degree 2; the first component takes two values only.
+
+    With `reverse` the last one does, as Moireau and Chapelle write the set: where a function reads the first
+    components alone it has one more different point to be evaluated at.
+    """
     points = np.zeros((n + 1, n))
     for i in range(n):
         head = n - i
         points[head, i] = math.sqrt((n + 1) * head / (head + 1))
         points[:head, i] = -points[head, i] / head
-    return sigma_set(points, np.full(n + 1, 1 / (n + 1)))
+    return sigma_set(points[:, ::-1] if reverse else points, np.full(n + 1, 1 / (n + 1)))
 
 
 def gauss_hermite(n: int, order: int = 3) -> SigmaSet:
@@ -182,3 +236,9 @@ def unit_set(family: Family, parameters: tuple[tuple[str, Any], ...], n: int) ->
     if made.dimension != n:
         raise InputError(f"the sigma set {family.__name__} has {made.dimension} dimensions, the state has {n}")
     return made
+
+
+@lru_cache(maxsize=256)
+def unit_counts(family: Family, parameters: tuple[tuple[str, Any], ...], n: int) -> tuple[int, ...]:
+    """Its different points by their first 0, 1, … n coordinates, counted once."""
+    return unit_set(family, parameters, n).counts

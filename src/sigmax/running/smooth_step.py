@@ -5,7 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.arrays import lift, outer, product, times, wrap
+from sigmax.algebra.arrays import Lifted, outer, product, times, wrap
 from sigmax.algebra.factor import Diagonal, Matrix, dense, downdate, inverse_lower, solve_lower, tria
 from sigmax.filters import Filter
 from sigmax.models.evaluate import motion_noise, moving
@@ -72,7 +72,7 @@ def _in_domain(model: Model, line: Linearization, Lq: Any) -> tuple[Linearizatio
     rest = jnp.concatenate([Lq, line.residual], axis=1)
     if model.domain is None:
         return line, rest
-    mean, derivative = jax.linearize(lift(model.domain, [], line.mean.ndim > 1), line.mean)
+    mean, derivative = jax.linearize(Lifted(model.domain, [], line.mean.ndim > 1), line.mean)
     turn = jax.vmap(derivative, in_axes=1, out_axes=1)
     deficit = turn(line.deficit) if line.deficit.shape[1] else line.deficit
     return Linearization(wrap(mean, model.angular), turn(line.slope), line.residual, deficit), turn(rest)

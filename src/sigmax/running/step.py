@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.arrays import lift, wrap
+from sigmax.algebra.arrays import Lifted, wrap
 from sigmax.algebra.factor import Matrix, tria
 from sigmax.filters import Filter
 from sigmax.models.evaluate import motion_noise, moving, sensing, sensor_noise
@@ -145,7 +145,7 @@ def _in_domain(filter: Filter, model: Model, belief: Belief) -> Belief:
     """The belief with the model's domain applied to the mean and, by its derivative, to the factor."""
     if model.domain is None:
         return belief
-    function = lift(model.domain, [], belief.mean.ndim > 1)
+    function = Lifted(model.domain, [], belief.mean.ndim > 1)
     mean, derivative = jax.linearize(function, belief.mean)
     factor = tria(jax.vmap(derivative, in_axes=1, out_axes=1)(belief.factor))
     return begin(filter, wrap(mean, model.angular), factor)
