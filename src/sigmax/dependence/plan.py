@@ -12,7 +12,8 @@ class Plan(NamedTuple):
 
     Attributes:
         bent: rows of the result that are sampled; the others are straight, so that their moments are exact.
-        order: the components that have to vary, as their points are drawn.
+        order: the components whose points are drawn, in this order: those that have to vary, and more where the
+            set asks for it.
         turned: whether that is another order than the state's, for which the factor's rows are made triangular.
         parts: what is evaluated at the points.
         size: how many coordinates of the points matter.
@@ -35,28 +36,33 @@ class Plan(NamedTuple):
         return {place: self.level(components(masks.reads)) for place, masks in read.places.items()}
 
 
-def planned(read: Reading, counts: Sequence[int], permute: bool) -> Plan:
+def planned(read: Reading, counts: Sequence[int], sizes: Sequence[int], permute: bool) -> Plan:
     """The plan for a sigma set with `counts` distinct points by their first 0, 1, … n coordinates.
 
     In the order of the state, or with `permute` in the best one where that saves more than the turning of the
-    factor costs.
+    factor costs. `sizes` are the numbers of coordinates by which the set can be projected.
     """
     varying = components(read.bent)
     parts = read.parts()
-    given = tuple(c + 1 if c in varying else 0 for c in range(read.size))
-    plan = Plan(read.bent_rows, varying, False, parts, max(given, default=0), given)
+    everything = tuple(range(read.size))
+
+    def plan(order: tuple[int, ...]) -> Plan:
+        """Drawn in the order of all components."""
+        levels = tuple(order.index(c) + 1 if c in varying else 0 for c in everything)
+        size = next((k for k in sizes if k >= max(levels)), 0) if varying else 0
+        turned = order[:size] != everything[:size]
+        return Plan(read.bent_rows, order[:size], turned, parts, size, levels)
+
+    given = plan(everything)
     if not permute or not varying:
-        return plan
-    order = best_order(parts, counts)
-    order += tuple(c for c in varying if c not in order)
-    saved = total_cost(parts, range(read.size), counts) - total_cost(parts, order, counts)
-    if saved <= _turning(len(order), read.size, len(plan.bent)):
-        return plan
-    levels = tuple(order.index(c) + 1 if c in varying else 0 for c in range(read.size))
-    leading = order == tuple(range(len(order)))
-    return Plan(read.bent_rows, order, not leading, parts, len(order), levels)
+        return given
+    first = best_order(parts, counts)
+    first += tuple(c for c in varying if c not in first)
+    best = plan(first + tuple(c for c in everything if c not in first))
+    saved = total_cost(parts, everything, counts) - total_cost(parts, first, counts)
+    return best if saved > _turning(best.size, read.size, len(best.bent)) * best.turned else given
 
 
 def _turning(k: int, n: int, m: int) -> float:
     """Operations to make k rows of n columns triangular and to turn m rows of a slope back."""
-    return 4 * k * k * n / 2 + 12 * k + 4 * m * n * k
+    return 2 * k * k * n + 12 * k + 4 * m * n * k

@@ -106,13 +106,13 @@ def cost_of(node: Node, opaque: Mapping[int, float]) -> float:
 
 
 def _is_function(operation: str) -> bool:
-    return bool(OPERATIONS[operation].calls)
+    return operation in OPERATIONS and bool(OPERATIONS[operation].calls)
 
 
 def _in_words(names: Counter[str]) -> str:
     """The dear operations by number, the rest together."""
     named = {"table": "look-up", "/": "division", "sqrt": "root"}
-    dear = {k: v for k, v in names.items() if k in _COSTS or k == "opaque" or (k != "table" and _is_function(k))}
+    dear = {k: v for k, v in names.items() if k in _COSTS or k == "opaque" or _is_function(k)}
     said = [f"{v} {named.get(k, k)}" for k, v in sorted(dear.items(), key=lambda item: (-item[1], item[0]))]
     cheap = sum(names.values()) - sum(dear.values())
     return ", ".join([*said, *([f"{cheap} arithmetic"] if cheap else [])])

@@ -81,8 +81,8 @@ def _cubature5(permute: bool = False) -> Rule:
     return SigmaPoints(cubature, permute=bool(permute), degree=5)
 
 
-def _simplex(reverse: bool = False, permute: bool = False) -> Rule:
-    given: dict[str, Any] = {"reverse": True} if reverse else {}
+def _simplex(moireau: bool = False, permute: bool = False) -> Rule:
+    given: dict[str, Any] = {"moireau": True} if moireau else {}
     return SigmaPoints(simplex, permute=bool(permute), **given)
 
 

@@ -55,11 +55,34 @@ class SigmaSet(NamedTuple):
         return tuple(len(first) for first in grouped(self.points).first)
 
     @property
+    def weights(self) -> np.ndarray:
+        """The weight of each point in the mean."""
+        return np.concatenate([self.pair_weights, self.pair_weights, self.single_weights, [self.centre or 0.0]])[
+            : self.evaluations
+        ]
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """The numbers of first coordinates by which the set can be projected without any change of the regression.
+
+        There the other coordinates of points that fall together have the mean 0. All n of them always; any number in
+        the sets here, but for the simplex of Moireau and Chapelle, which sees a correlation where there is none.
+        """
+        found = []
+        for size in range(1, self.dimension + 1):
+            where = grouped(self.points).where[size]
+            rest = self.weights[:, None] * self.points[:, size:]
+            sums = np.array([np.bincount(where, column) for column in rest.T])
+            if not sums.size or np.abs(sums).max() < 1e-12:
+                found.append(size)
+        return tuple(found)
+
+    @property
     def elements(self) -> tuple[int, ...]:
         """ξ (n,): how many different values each component takes where the factor is triangular.
 
         Belov et al., (7)-(9): 3, 5, … 2n − 1, 2n of the 2n points and 3, 5, … 2n + 1 of the 2n + 1; of the
-        simplex 2, 3, … n + 1, or 3, 4, … n + 1, n + 1 with its rows reversed ((8) and (9) corrected).
+        simplex 2, 3, … n + 1, or 3, 4, … n + 1, n + 1 as Moireau writes it ((8) and (9) corrected).
         """
         return self.counts[1:]
 
@@ -200,18 +223,18 @@ def cubature(n: int, degree: int = 3) -> SigmaSet:
     return _symmetric(points, weights, 2 / (n + 2))
 
 
-def simplex(n: int, reverse: bool = False) -> SigmaSet:
+def simplex(n: int, moireau: bool = False) -> SigmaSet:
     """N + 1 points of equal weight, exact to degree 2; the first component takes two values only.
 
-    With `reverse` the last one does, as Moireau and Chapelle write the set: where a function reads the first
-    components alone it has one more different point to be evaluated at.
+    With `moireau` the last one does, the order in which Moireau and Chapelle write the rows: a function that reads
+    the first components alone then has one more different point to be evaluated at.
     """
     points = np.zeros((n + 1, n))
     for i in range(n):
         head = n - i
         points[head, i] = math.sqrt((n + 1) * head / (head + 1))
         points[:head, i] = -points[head, i] / head
-    return sigma_set(points[:, ::-1] if reverse else points, np.full(n + 1, 1 / (n + 1)))
+    return sigma_set(points[:, ::-1] if moireau else points, np.full(n + 1, 1 / (n + 1)))
 
 
 def gauss_hermite(n: int, order: int = 3) -> SigmaSet:
@@ -239,6 +262,9 @@ def unit_set(family: Family, parameters: tuple[tuple[str, Any], ...], n: int) ->
 
 
 @lru_cache(maxsize=256)
-def unit_counts(family: Family, parameters: tuple[tuple[str, Any], ...], n: int) -> tuple[int, ...]:
-    """Its different points by their first 0, 1, … n coordinates, counted once."""
-    return unit_set(family, parameters, n).counts
+def unit_counts(
+    family: Family, parameters: tuple[tuple[str, Any], ...], n: int
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Its `counts` and `sizes`, found once."""
+    unit = unit_set(family, parameters, n)
+    return unit.counts, unit.sizes

@@ -1,6 +1,6 @@
 """Sigma-point rules: statistical linear regression over any sigma set, of what is not straight alone."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -56,7 +56,7 @@ class SigmaPoints:
 
     def plan(self, read: Reading) -> Plan:
         """What is done with a function of which it is known what it reads."""
-        return planned(read, unit_counts(self.family, self.parameters, read.size), self.permute)
+        return planned(read, *unit_counts(self.family, self.parameters, read.size), self.permute)
 
     def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """Evaluate g at the points x̂ + S ξ and regress; angles are differences about a reference."""
@@ -79,8 +79,7 @@ def _straight(
     read: Reading, rows: Sequence[int], g: Lifted, x: jax.Array, S: jax.Array, angular: Sequence[bool]
 ) -> Linearization:
     """Results that are straight: their value at the mean, their slope along the factor, nothing missed."""
-    beside = frozenset(i for i, call in enumerate(read.line.calls) if all(read.carries[o] >= 0 for o in call.outputs))
-    y, slope = slope_of(g.instead(_chosen(read, rows, beside)), x, S)
+    y, slope = slope_of(g.instead(_chosen(read, rows, lambda carried: carried < 0)), x, S)
     return Linearization(wrap(y, angular), slope, slope[:, :0], slope[:, :0])
 
 
@@ -105,11 +104,11 @@ def _sampled(
 
     if plan.turned:
         root, mirrors = reflected(jnp.stack([S[c] for c in plan.order]))
-        varying = dict(zip(plan.order, root, strict=True))
+        rows = dict(zip(plan.order, root, strict=True))
     else:
-        varying = {c: S[c, : plan.size] for c in plan.order}
-    nothing = jnp.zeros_like(varying[plan.order[0]])
-    factor = jnp.stack([varying.get(c, nothing) for c in range(read.size)])
+        rows = {c: S[c, : plan.size] for c in plan.order}
+    nothing = jnp.zeros_like(rows[plan.order[0]])
+    factor = jnp.stack([rows[c] if plan.levels[c] else nothing for c in range(read.size)])
     line = regressed(unit.projected(plan.size), at, x, factor, angular)
     if plan.turned:
         slope = turned_back(line.slope, mirrors)
@@ -120,17 +119,19 @@ def _sampled(
     for i in plan.bent:
         held |= read.masks[read.results[i].index].reads & ~read.bent
     if held:
-        beside = frozenset(
-            i for i, call in enumerate(read.line.calls) if all(read.carries[o] & held == 0 for o in call.outputs)
-        )
         along = jnp.stack([S[c] if c in components(held) else jnp.zeros_like(S[c]) for c in range(read.size)])
-        slope = slope + slope_of(g.instead(_chosen(read, plan.bent, beside)), x, along)[1]
+        slope = slope + slope_of(g.instead(_chosen(read, plan.bent, lambda carried: carried & held)), x, along)[1]
     return line._replace(slope=slope)
 
 
-def _chosen(read: Reading, rows: Sequence[int], stopped: frozenset[int]) -> Any:
-    """Some results of a function, with the derivatives that matter to them."""
+def _chosen(read: Reading, rows: Sequence[int], matters: Callable[[int], Any]) -> Any:
+    """Some results of a function; derivatives pass where what a value carries straight matters to them."""
     places = np.array(rows)
+    stopped = frozenset(
+        number
+        for number, call in enumerate(read.line.calls)
+        if all(read.places[o].reads and not matters(read.carries[o]) for o in call.outputs)
+    )
 
     def function(x: jax.Array, *rest: jax.Array) -> jax.Array:
         values = read.line(x, *rest, stopped=stopped)
