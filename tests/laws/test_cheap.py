@@ -105,6 +105,7 @@ def mixed(x, dt, u):
     table = jnp.asarray(np.cos(np.arange(9.0)))
     looked = table[jnp.clip(jnp.floor(e + 4.0).astype(int), 0, 8)]
     dear = looked * jnp.exp(0.2 * e) + jnp.arctan2(e, 2.0) * 1.5**e * jnp.tanh(e) * jnp.cos(e)
+    dear += sum(jnp.arctan2(e, 2.0 + k) for k in range(6))
     looped = jax.lax.fori_loop(0, 2, lambda i, s: s * jnp.sin(f) + 1, 1.0)
     return jnp.stack(
         [

@@ -195,6 +195,29 @@ def export_c_command(
     export_model(model, filter, out, single)
 
 
+@app.command("explain")
+def explain_command(
+    model: Annotated[
+        str,
+        typer.Argument(
+            help="A built-in model (see: sigmax models), a record, a TOML file, or file.py:function.",
+            show_default=False,
+        ),
+    ],
+    filter: Annotated[
+        str, typer.Option("--filter", "-f", help="NAME or NAME:parameter=value,… with sigma points.")
+    ] = "SRCKFB",
+    measure: Annotated[bool, typer.Option(help="Take the time of the linearisations, too.")] = True,
+) -> None:
+    """Show what a sigma-point filter evaluates in a model, how often, and what another order of the state saves.
+
+    Example: sigmax explain terrain --filter UKF
+    """
+    from sigmax.cli.explain import explain_model
+
+    explain_model(model, filter, measure)
+
+
 @app.command("models")
 def models_command() -> None:
     """List the built-in models.
