@@ -14,7 +14,18 @@ _HOME = {
     "sigmax.export": ("export_c",),
     "sigmax.filters": ("Filter", "catalogue", "get", "names"),
     "sigmax.forms": ("Form",),
-    "sigmax.models": ("Gaussian", "Model", "Motion", "Sensor", "angle", "motions", "opaque", "sensors", "with_derivatives"),
+    "sigmax.models": (
+        "Elevation",
+        "Gaussian",
+        "Model",
+        "Motion",
+        "Sensor",
+        "angle",
+        "motions",
+        "opaque",
+        "sensors",
+        "with_derivatives",
+    ),
     "sigmax.models.builtin": ("builtin",),
     "sigmax.rules": ("SigmaPoints", "SigmaSet", "Taylor1", "Taylor2", "sigma_set"),
     "sigmax.studies": ("Comparison", "Study", "compare", "load_studies", "undisturbed"),
@@ -30,7 +41,18 @@ if TYPE_CHECKING:
     from sigmax.export import export_c
     from sigmax.filters import Filter, catalogue, get, names
     from sigmax.forms import Form
-    from sigmax.models import Gaussian, Model, Motion, Sensor, angle, motions, opaque, sensors, with_derivatives
+    from sigmax.models import (
+        Elevation,
+        Gaussian,
+        Model,
+        Motion,
+        Sensor,
+        angle,
+        motions,
+        opaque,
+        sensors,
+        with_derivatives,
+    )
     from sigmax.models.builtin import builtin
     from sigmax.rules import SigmaPoints, SigmaSet, Taylor1, Taylor2, sigma_set
     from sigmax.running import Fault, Fit, Live, Result, Smoothed, fit, run, smooth
@@ -38,6 +60,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Comparison",
+    "Elevation",
     "Fault",
     "Filter",
     "Fit",

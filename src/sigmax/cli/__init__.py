@@ -62,6 +62,36 @@ def track_command(
         raise typer.Exit(130) from None
 
 
+@app.command("terrain")
+def terrain_command(
+    map: Annotated[str, typer.Argument(help="jacksboro, or an .npz or GeoTIFF of your own.")] = "jacksboro",
+    filter: Annotated[
+        list[str] | None,
+        typer.Option("--filter", "-f", help="NAME or NAME:parameter=value,…; may be repeated.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the results. Without it: runs/MAP.", show_default=False),
+    ] = None,
+    method: Annotated[str, typer.Option(help="bicubic or bilinear look-up.")] = "bicubic",
+    flights: Annotated[int, typer.Option(min=1, help="How many, each with errors of its own.")] = 1,
+    seed: Annotated[int, typer.Option(help="Fixes all draws.")] = 1,
+) -> None:
+    """Fly over an elevation map with a drifting inertial system, and find the position by the heights below.
+
+    Leaves estimates.parquet, summary.json and report.html, with the map, in the folder.
+
+    Example: sigmax terrain jacksboro --filter EKF --filter CKF:permute=1 --out runs/fault
+    """
+    from sigmax.cli.terrain import fly
+
+    try:
+        fly(map, filter or [], out, method, flights, seed)
+    except KeyboardInterrupt:
+        print("sigmax: interrupted; nothing was written", file=sys.stderr)
+        raise typer.Exit(130) from None
+
+
 @app.command("filters")
 def filters_command() -> None:
     """List the catalogue of filters: prediction rule, correction rule and form of each.

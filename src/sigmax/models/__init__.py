@@ -6,5 +6,19 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, angle
 from sigmax.models.opaque import opaque
 from sigmax.models.parts import Motion, Sensor
+from sigmax.models.terrain import Elevation, inertial_errors, radio_altimeter
 
-__all__ = ["Gaussian", "Model", "Motion", "Sensor", "angle", "motions", "opaque", "sensors", "with_derivatives"]
+__all__ = [
+    "Elevation",
+    "Gaussian",
+    "Model",
+    "Motion",
+    "Sensor",
+    "angle",
+    "inertial_errors",
+    "motions",
+    "opaque",
+    "radio_altimeter",
+    "sensors",
+    "with_derivatives",
+]

@@ -55,9 +55,7 @@ def opaque(
     def on_host(*arguments: Any) -> jax.Array:
         dtype = jnp.result_type(*arguments)
         host = functools.partial(called, [a.ndim for a in arguments], dtype)
-        return jax.pure_callback(
-            host, jax.ShapeDtypeStruct(shape, dtype), *arguments, vmap_method="broadcast_all"
-        )
+        return jax.pure_callback(host, jax.ShapeDtypeStruct(shape, dtype), *arguments, vmap_method="broadcast_all")
 
     @on_host.defjvp
     def _(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> Any:
@@ -73,7 +71,9 @@ def opaque(
         floating = [jnp.asarray(a, jnp.result_type(a, jnp.float32)) for a in arguments]
         if places is not None:
             if len(floating) != 1 or floating[0].ndim != 1 or not (places < floating[0].shape[0]).all():
-                raise InputError(f"{name} reads components {places.tolist()} and must be given the one vector they are of")
+                raise InputError(
+                    f"{name} reads components {places.tolist()} and must be given the one vector they are of"
+                )
             floating = [floating[0][places]]
         return on_host(*floating)
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from sigmax.studies.named import classic, sobolev, stepanov
+from sigmax.studies.named import belov, classic, sobolev, stepanov
 
 
 class Named(NamedTuple):
@@ -20,6 +20,7 @@ NAMED: dict[str, Named] = {
     "stepanov-scalar": Named(stepanov.scalar, "four scalar problems, polynomial filters beside the optimum"),
     "single-beacon": Named(stepanov.single_beacon, "an underwater vehicle that ranges to one beacon"),
     "quadratic-vector": Named(stepanov.vector, "quadratic motion and sensor in several components"),
+    "belov-terrain": Named(belov.terrain, "an inertial system over real terrain, sigma sets permuted (extra: terrain)"),
     "growth": Named(classic.growth, "univariate nonstationary growth: the measurement does not tell ±x"),
     "reentry": Named(classic.reentry, "a vehicle enters the atmosphere, its drag unknown"),
     "bearings-only": Named(classic.bearings, "a target of which a moving platform sees the bearing only"),
