@@ -29,6 +29,7 @@ _HOME = {
     "sigmax.models.builtin": ("builtin",),
     "sigmax.rules": ("SigmaPoints", "SigmaSet", "Taylor1", "Taylor2", "sigma_set"),
     "sigmax.studies": ("Comparison", "Study", "compare", "load_studies", "undisturbed"),
+    "sigmax.running.explain": ("explain",),
     "sigmax.running": ("Fault", "Fit", "Live", "Result", "Smoothed", "fit", "run", "smooth"),
 }
 _WHERE = {name: module for module, names in _HOME.items() for name in names}
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from sigmax.models.builtin import builtin
     from sigmax.rules import SigmaPoints, SigmaSet, Taylor1, Taylor2, sigma_set
     from sigmax.running import Fault, Fit, Live, Result, Smoothed, fit, run, smooth
+    from sigmax.running.explain import explain
     from sigmax.studies import Comparison, Study, compare, load_studies, undisturbed
 
 __all__ = [
@@ -82,6 +84,7 @@ __all__ = [
     "builtin",
     "catalogue",
     "compare",
+    "explain",
     "export_c",
     "fit",
     "forms",
