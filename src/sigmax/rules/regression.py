@@ -8,7 +8,7 @@ import numpy as np
 
 from sigmax.algebra.arrays import combine, static, wrap
 from sigmax.rules.linearization import Linearization
-from sigmax.rules.sets import SigmaSet
+from sigmax.rules.sigma_set import SigmaSet
 
 # A function of points (n, d, ...), a column each, and of the unit points (d, q) that they are made from.
 Sampled = Callable[[jax.Array, np.ndarray], jax.Array]

@@ -14,7 +14,8 @@ from sigmax.dependence.line import grouped
 from sigmax.dependence.reads import components
 from sigmax.rules.linearization import Function, Linearization, slope_of
 from sigmax.rules.regression import regressed
-from sigmax.rules.sets import Family, SigmaSet, unit_counts, unit_set
+from sigmax.rules.sets import Family, unit_counts, unit_set
+from sigmax.rules.sigma_set import SigmaSet
 
 
 class SigmaPoints:
