@@ -188,6 +188,7 @@ def test_a_loop_of_unknown_length_and_a_tracer_are_taken_as_they_are():
     assert read.bent_rows == (1,)
     assert [part.reads for part in read.parts()] == [(2,)]
 
+    @jax.jit
     def likelihood(theta):
         g = Lifted(lambda x: jnp.stack([theta * x[0], jnp.sin(theta * x[1])]), [], False)
         return SigmaPoints(cubature)(g, jnp.ones(2), 0.3 * jnp.eye(2), (False, False)).mean.sum()

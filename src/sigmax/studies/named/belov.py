@@ -57,7 +57,7 @@ def terrain(map: str = "jacksboro", method: str = "bicubic") -> Study:
         look=(1, 10, 30, 100, len(planned.place)),
         particles=400,
         optimum="bank",
-        optimum_runs=64,
+        optimum_runs=32,
         units=_UNITS,
         extra=extra,
         about=(
