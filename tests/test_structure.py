@@ -17,6 +17,7 @@ ORDER = [
     "errors",
     "native",
     "algebra",
+    "dependence",
     "rules",
     "forms",
     "filters",

@@ -16,6 +16,7 @@ _HOME = {
     "sigmax.forms": ("Form",),
     "sigmax.models": (
         "Bias",
+        "Elevation",
         "Gaussian",
         "Model",
         "Motion",
@@ -23,6 +24,7 @@ _HOME = {
         "angle",
         "fused",
         "motions",
+        "opaque",
         "sensors",
         "with_derivatives",
     ),
@@ -42,6 +44,7 @@ _HOME = {
         "smooth",
     ),
     "sigmax.studies": ("Comparison", "Study", "compare", "load_studies", "undisturbed"),
+    "sigmax.running.explain": ("explain",),
 }
 _WHERE = {name: module for module, names in _HOME.items() for name in names}
 _MODULES = ("forms", "records", "reports", "rules")
@@ -53,16 +56,31 @@ if TYPE_CHECKING:
     from sigmax.export import export_c
     from sigmax.filters import Filter, catalogue, get, names
     from sigmax.forms import Form
-    from sigmax.models import Bias, Gaussian, Model, Motion, Sensor, angle, fused, motions, sensors, with_derivatives
+    from sigmax.models import (
+        Bias,
+        Elevation,
+        Gaussian,
+        Model,
+        Motion,
+        Sensor,
+        angle,
+        fused,
+        motions,
+        opaque,
+        sensors,
+        with_derivatives,
+    )
     from sigmax.models.builtin import builtin
     from sigmax.rules import Marginal, SigmaPoints, SigmaSet, Taylor1, Taylor2, sigma_set
     from sigmax.running import Contribution, Fault, Fit, Live, Result, Smoothed, absorb, contribution, fit, run, smooth
+    from sigmax.running.explain import explain
     from sigmax.studies import Comparison, Study, compare, load_studies, undisturbed
 
 __all__ = [
     "Bias",
     "Comparison",
     "Contribution",
+    "Elevation",
     "Fault",
     "Filter",
     "Fit",
@@ -87,6 +105,7 @@ __all__ = [
     "catalogue",
     "compare",
     "contribution",
+    "explain",
     "export_c",
     "fit",
     "forms",
@@ -95,6 +114,7 @@ __all__ = [
     "load_studies",
     "motions",
     "names",
+    "opaque",
     "records",
     "reports",
     "rules",

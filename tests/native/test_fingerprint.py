@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import sigmax
+from sigmax.models import radio_altimeter
 from sigmax.models.builtin import BUILTIN, builtin
 from sigmax.native.fingerprint import fingerprint
 from tests import own_records
@@ -122,6 +123,17 @@ def test_every_filter_and_built_in_model_has_one():
     assert None not in found
     assert len(found) == len(sigmax.names())
     assert None not in {fingerprint(vars(builtin(name).model)) for name in BUILTIN}
+
+
+def test_models_that_differ_only_deep_down_have_two():
+    flat = sigmax.Elevation(np.full((4, 4), 300.0), (5e3, 5e3))
+    steep = sigmax.Elevation(np.arange(16.0).reshape(4, 4), (5e3, 5e3))
+    made = builtin("terrain").model
+    found = set()
+    for ground in (flat, steep):
+        other = sigmax.Model(motion=made.motion, state=made.state, Q=made.Q, sensor=radio_altimeter(ground), R=[25.0])
+        found.add(fingerprint(("correct", "", 1), sigmax.get("EKF"), vars(other), [], 3))
+    assert len(found) == 2
 
 
 def test_a_changed_model_in_another_process_is_not_mistaken_for_the_former(tmp_path):

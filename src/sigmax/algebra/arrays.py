@@ -80,23 +80,44 @@ def wrap(difference: jax.Array, angular: Sequence[bool]) -> jax.Array:
     return difference - period * jnp.round(difference * turns)
 
 
-def lift(
-    function: Callable[..., jax.Array], arguments: Sequence[tuple[jax.Array, int]], batched: bool
-) -> Callable[[jax.Array], jax.Array]:
-    """Let `function(x, *arguments)`, written for one x (n,), take x (n, ..., B).
+class Lifted:
+    """A function written for one x (n,), for x (n, ..., B), that still tells what it was made of.
 
-    Each argument is given with the number of axes it has for one member of the batch; one that has
-    the batch behind them is dealt out, one that has not is shared.
+    Attributes:
+        function: `function(x, *arguments)` -> (m,).
+        arguments: each with the number of axes it has for one member of the batch; one that has the
+            batch behind them is dealt out, one that has not is shared.
+        batched: whether x has a batch behind its other axes.
     """
-    values = [value for value, _ in arguments]
 
-    def columns(x: jax.Array, *rest: jax.Array) -> jax.Array:
-        if x.ndim == 1:
-            return jnp.asarray(function(x, *rest)).astype(x.dtype)
-        return jax.vmap(columns, in_axes=(-1, *(None,) * len(rest)), out_axes=-1)(x, *rest)
+    def __init__(
+        self, function: Callable[..., jax.Array], arguments: Sequence[tuple[jax.Array, int]], batched: bool
+    ) -> None:
+        self.function, self.arguments, self.batched = function, tuple(arguments), batched
 
-    if not batched:
-        return lambda x: columns(x, *values)
-    axes = [-1 if value.ndim > core else None for value, core in arguments]
-    dealt = jax.vmap(columns, in_axes=(-1, *axes), out_axes=-1)
-    return lambda x: dealt(x, *values)
+    def __call__(self, x: jax.Array) -> jax.Array:
+        """The function of x (n, ..., B): (m, ..., B)."""
+
+        def columns(x: jax.Array, *rest: jax.Array) -> jax.Array:
+            if x.ndim == 1:
+                return jnp.asarray(self.function(x, *rest)).astype(x.dtype)
+            return jax.vmap(columns, in_axes=(-1, *(None,) * len(rest)), out_axes=-1)(x, *rest)
+
+        return self.over_batch(columns, x)
+
+    def over_batch(self, function: Callable[..., jax.Array], x: jax.Array) -> jax.Array:
+        """Another function of x (n, ...) and of the same arguments, over the batch."""
+        values = [value for value, _ in self.arguments]
+        if not self.batched:
+            return function(x, *values)
+        axes = [-1 if value.ndim > core else None for value, core in self.arguments]
+        return jax.vmap(function, in_axes=(-1, *axes), out_axes=-1)(x, *values)
+
+    def instead(self, function: Callable[..., jax.Array]) -> "Lifted":
+        """Another function of the same arguments."""
+        return Lifted(function, self.arguments, self.batched)
+
+    @property
+    def single(self) -> list[jax.ShapeDtypeStruct]:
+        """Shapes and types of the arguments for one member of the batch."""
+        return [jax.ShapeDtypeStruct(jnp.shape(v)[:core], jnp.result_type(v)) for v, core in self.arguments]

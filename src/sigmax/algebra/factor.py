@@ -84,13 +84,26 @@ def cholesky(P: jax.Array) -> tuple[jax.Array, jax.Array]:
     return _lower(columns), sound
 
 
+class Mirror(NamedTuple):
+    """A reflection of the last columns of a matrix, I − weight v vᵀ, and the sign its first column gets."""
+
+    v: jax.Array
+    weight: jax.Array
+    sign: jax.Array
+
+
 def tria(A: jax.Array) -> jax.Array:
     """Lower L (r, r, ...) with L Lᵀ = A Aᵀ for A (r, k, ...), k ≥ r, by Householder reflections.
 
     The reflection takes the sign that loses no digits and the column is turned afterwards, so that
     the diagonal is not negative; derivatives are right also where A is triangular already.
     """
-    columns = []
+    return reflected(A)[0]
+
+
+def reflected(A: jax.Array) -> tuple[jax.Array, list[Mirror]]:
+    """`tria(A)` and the reflections that make it: A U = [L, 0]."""
+    columns, mirrors = [], []
     for _ in range(A.shape[0]):
         row, below = A[0], A[1:]
         squared = (row * row).sum(0)
@@ -98,10 +111,25 @@ def tria(A: jax.Array) -> jax.Array:
         turn = jnp.where(row[0] >= 0, 1.0, -1.0).astype(A.dtype)
         head = row[0] + turn * norm
         mirror = jnp.concatenate([head[None], row[1:]])
-        weight = (below * mirror[None]).sum(1) * _reciprocal(squared + jnp.abs(row[0]) * norm, nonzero)
+        scale = _reciprocal(squared + jnp.abs(row[0]) * norm, nonzero)
+        weight = (below * mirror[None]).sum(1) * scale
         columns.append(jnp.concatenate([norm[None], turn * (weight * head - below[:, 0])]))
+        mirrors.append(Mirror(mirror, scale, -turn))
         A = below[:, 1:] - weight[:, None] * mirror[None, 1:]
-    return _lower(columns)
+    return _lower(columns), mirrors
+
+
+def turned_back(E: jax.Array, mirrors: list[Mirror]) -> jax.Array:
+    """[E, 0] Uᵀ (m, k, ...) for E (m, r, ...): what E is by the columns that were reflected; no division."""
+    m, r = E.shape[:2]
+    k = mirrors[0].v.shape[0]
+    E = jnp.concatenate([E, jnp.zeros((m, k - r, *E.shape[2:]), E.dtype)], axis=1) if k > r else E
+    for j in range(r - 1, -1, -1):
+        v, weight, sign = mirrors[j]
+        tail = jnp.concatenate([(E[:, j] * sign)[:, None], E[:, j + 1 :]], axis=1)
+        along = (tail * v[None]).sum(1) * weight
+        E = jnp.concatenate([E[:, :j], tail - along[:, None] * v[None]], axis=1)
+    return E
 
 
 class Absorbed(NamedTuple):

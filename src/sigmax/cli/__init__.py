@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from sigmax.cli.commands import explain_command, terrain_command
 from sigmax.errors import InputError
 
 app = typer.Typer(
@@ -60,6 +61,10 @@ def track_command(
     except KeyboardInterrupt:
         print("sigmax: interrupted; nothing was written", file=sys.stderr)
         raise typer.Exit(130) from None
+
+
+app.command("terrain")(terrain_command)
+app.command("explain")(explain_command)
 
 
 @app.command("filters")

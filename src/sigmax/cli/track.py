@@ -18,7 +18,7 @@ from sigmax.reports.verdict import nis_in_words, significant
 _COLOUR = {Grade.CONSISTENT: "green", Grade.NEAR: "yellow"}
 
 
-def track_record(name: str, filters: Sequence[str], out: Path | None) -> None:
+def track_record(name: str | Record, filters: Sequence[str], out: Path | None) -> None:
     """Load, check, run, write and print.
 
     Raises:
@@ -28,7 +28,7 @@ def track_record(name: str, filters: Sequence[str], out: Path | None) -> None:
     console, errors = Console(), Console(stderr=True)
     trials = tuple(dict.fromkeys(parse_trial(text) for text in filters))
     with errors.status("reading the record"):
-        record = load(name)
+        record = load(name) if isinstance(name, str) else name
         trials = trials or record.trials
         folder = out if out is not None else Path("runs") / record.name
         check_folder(folder)

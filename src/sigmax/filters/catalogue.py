@@ -58,30 +58,37 @@ def _second_order_motion(d_motion: bool = True) -> Rule:
 
 
 def _unscented(
-    alpha: float | None = None, beta: float | None = None, kappa: float | None = None, w0: float | None = None
+    alpha: float | None = None,
+    beta: float | None = None,
+    kappa: float | None = None,
+    w0: float | None = None,
+    permute: bool = False,
 ) -> Rule:
-    given = {k: float(v) for k, v in (("alpha", alpha), ("beta", beta), ("kappa", kappa)) if v is not None}
+    given: dict[str, Any] = {
+        k: float(v) for k, v in (("alpha", alpha), ("beta", beta), ("kappa", kappa)) if v is not None
+    }
     if w0 is None:
-        return SigmaPoints(scaled, **given)
+        return SigmaPoints(scaled, permute=bool(permute), **given)
     if given:
         raise InputError(f"w0 belongs to the general transform, {', '.join(given)} to the scaled one: give one kind")
-    return SigmaPoints(unscented, w0=float(w0))
+    return SigmaPoints(unscented, permute=bool(permute), w0=float(w0))
 
 
-def _cubature3() -> Rule:
-    return SigmaPoints(cubature, degree=3)
+def _cubature3(permute: bool = False) -> Rule:
+    return SigmaPoints(cubature, permute=bool(permute), degree=3)
 
 
-def _cubature5() -> Rule:
-    return SigmaPoints(cubature, degree=5)
+def _cubature5(permute: bool = False) -> Rule:
+    return SigmaPoints(cubature, permute=bool(permute), degree=5)
 
 
-def _simplex() -> Rule:
-    return SigmaPoints(simplex)
+def _simplex(moireau: bool = False, permute: bool = False) -> Rule:
+    given: dict[str, Any] = {"moireau": True} if moireau else {}
+    return SigmaPoints(simplex, permute=bool(permute), **given)
 
 
-def _gauss_hermite(order: int = 3) -> Rule:
-    return SigmaPoints(gauss_hermite, order=int(order))
+def _gauss_hermite(order: int = 3, permute: bool = False) -> Rule:
+    return SigmaPoints(gauss_hermite, permute=bool(permute), order=int(order))
 
 
 def _covariance() -> Form:

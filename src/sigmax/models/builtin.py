@@ -12,6 +12,7 @@ from sigmax.models.bias import Bias
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.parts import Motion, Sensor
+from sigmax.models.terrain import hills, inertial_errors, radio_altimeter
 
 
 class Scenario(NamedTuple):
@@ -162,6 +163,20 @@ def _radar_offset() -> Scenario:
     return Scenario(model, prior, 2.0, None, False, about)
 
 
+def _terrain() -> Scenario:
+    errors = inertial_errors()
+    return _made(
+        "the errors of an inertial system over made-up hills, by a radio altimeter (Belov); see also: sigmax terrain",
+        errors,
+        radio_altimeter(hills()),
+        errors.noise(height=0.1, vertical=0.02, acceleration=1e-4, velocity=0.02, position=0.5),
+        [25.0],
+        [0.0] * 7,
+        [30.0, 0.3, 0.005, 0.5, 0.5, 100.0, 100.0],
+        inputs=[1500.0, 6000.0, 5000.0],
+    )
+
+
 BUILTIN: dict[str, Callable[[], Scenario]] = {
     "radar-ct": _radar_ct,
     "radar-ct-cartesian": _radar_ct_cartesian,
@@ -170,6 +185,7 @@ BUILTIN: dict[str, Callable[[], Scenario]] = {
     "bearings-singer": _bearings_singer,
     "rover-beacon": _rover_beacon,
     "radar-offset": _radar_offset,
+    "terrain": _terrain,
 }
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.arrays import lift, spread, total
+from sigmax.algebra.arrays import Lifted, spread, total
 from sigmax.algebra.factor import Diagonal, Matrix, block_diagonal, cholesky, safe_sqrt
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, takes
@@ -36,14 +36,14 @@ def linearized_motion(
 def moving(model: Model, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Function:
     """The motion of the state over dt () or (B,), with inputs (k,) or (k, B); what depends on the estimate takes x."""
     arguments = [(dt, 0)] + ([(u, 1)] if model.motion_inputs and u is not None else [])
-    f = lift(model.motion, arguments, x.ndim > 1)
+    f = Lifted(model.motion, arguments, x.ndim > 1)
     return f if model.bias is None else _biased(f, model, x, (dt, 0), model.bias.motion, u)
 
 
 def sensing(model: Model, sensor: str, x: jax.Array, u: jax.Array | None) -> Function:
     """A sensor with inputs (k,) or (k, B); what depends on the estimate takes x."""
     arguments = [(u, 1)] if model.sensor_inputs[sensor] and u is not None else []
-    h = lift(model.sensors[sensor], arguments, x.ndim > 1)
+    h = Lifted(model.sensors[sensor], arguments, x.ndim > 1)
     return h if model.bias is None else _biased(h, model, x, None, model.bias.sensor.get(sensor), u)
 
 
@@ -51,7 +51,7 @@ def in_domain(model: Model, batched: bool) -> Function | None:
     """The model's domain on all that an engine carries, None without one."""
     if model.domain is None:
         return None
-    state = lift(model.domain, [], batched)
+    state = Lifted(model.domain, [], batched)
     if model.bias is None:
         return state
     own = model.own

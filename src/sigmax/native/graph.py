@@ -83,6 +83,8 @@ class Graph:
         self.label = ""
         self._made: dict[Any, Node] = {}
         self._denominators: set[int] = set()
+        # By identity, the array being kept alive: maps are large, and are looked up many times.
+        self._numbers: dict[int, tuple[Array, np.ndarray | None]] = {}
 
     def _node(self, key: Any, operation: str, arguments: tuple[Any, ...], truth: bool, fixed: bool) -> Node:
         node = self._made.get(key)
@@ -112,6 +114,13 @@ class Graph:
         """An array of known numbers."""
         return boxed(np.frompyfunc(self.constant, 1, 1)(np.asarray(values)))
 
+    def known_numbers(self, array: Array) -> np.ndarray | None:
+        """The numbers of an array of constants, row by row; None where one of them is computed."""
+        if id(array) not in self._numbers:
+            known = all(x.operation == "constant" for x in array.flat)
+            self._numbers[id(array)] = array, np.array([float(x.value) for x in array.flat]) if known else None
+        return self._numbers[id(array)][1]
+
     def divided_by(self, denominator: Node) -> bool:
         """Whether something has been divided by this before; remembered from now on."""
         before = denominator.index in self._denominators
@@ -120,7 +129,7 @@ class Graph:
 
     def look_up(self, table: np.ndarray, index: Node) -> Node:
         """An element of a table at a computed index, which must lie inside."""
-        known = (np.array_equal(other, table, equal_nan=True) for other in self.tables)
+        known = (other is table or np.array_equal(other, table, equal_nan=True) for other in self.tables)
         number = next((i for i, same in enumerate(known) if same), len(self.tables))
         if number == len(self.tables):
             self.tables.append(table)

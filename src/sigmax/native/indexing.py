@@ -27,8 +27,8 @@ def _window(g: Graph, a: Array, starts: Sequence[Node], sizes: Sequence[int]) ->
     if all(s.known for s in starts):
         return a[tuple(slice(int(s.value), int(s.value) + k) for s, k in zip(starts, sizes, strict=True))]
     out = np.empty(tuple(sizes), dtype=object)
-    if all(x.known for x in a.flat):
-        table = np.array([float(x.value) for x in a.flat])
+    table = g.known_numbers(a)
+    if table is not None:
         strides = [int(np.prod(a.shape[d + 1 :])) for d in range(a.ndim)]
         first = g.constant(0.0)
         for start, stride in zip(starts, strides, strict=True):
@@ -36,7 +36,7 @@ def _window(g: Graph, a: Array, starts: Sequence[Node], sizes: Sequence[int]) ->
         for place in np.ndindex(out.shape):
             offset = float(sum(i * s for i, s in zip(place, strides, strict=True)))
             out[place] = g.look_up(table, g.apply("+", first, g.constant(offset)))
-        if all(isinstance(x.value, bool) for x in a.flat):
+        if a.flat[0].truth:
             out = np.frompyfunc(lambda x: g.apply("!=", x, g.constant(0.0)), 1, 1)(out)
         return out
     choices = [[int(s.value)] if s.known else range(n - k + 1) for s, n, k in zip(starts, a.shape, sizes, strict=True)]

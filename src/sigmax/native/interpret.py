@@ -45,21 +45,28 @@ def evaluate_open(g: Graph, jaxpr: Jaxpr, constants: Sequence[Array], arguments:
 
     outer = g.label
     for equation in jaxpr.eqns:
-        name = equation.primitive.name
-        found: Rule = RULES.get(name, _unknown)
         g.label = outer or str(equation.source_info.name_stack).partition("/")[0]
         try:
-            made: Any = found(g, equation, *map(read, equation.invars))
+            results = apply_rule(g, equation, [read(v) for v in equation.invars])
         except Refused as error:
             # The outermost line wins: the body of a function that JAX has traced before remembers another caller.
             raise Refused(error.what, line_of(equation) or error.where) from None
         if len(g.nodes) > _LARGEST:
             raise Refused(f"the step has more than {_LARGEST} scalar operations")
-        results = made if equation.primitive.multiple_results else [made]
-        for variable, value in zip(equation.outvars, results, strict=True):
-            known[variable] = boxed(value)
+        known |= zip(equation.outvars, results, strict=True)
     g.label = outer
     return [read(v) for v in jaxpr.outvars]
+
+
+def apply_rule(g: Graph, equation: Any, arguments: Sequence[Array]) -> list[Array]:
+    """The results of one equation.
+
+    Raises:
+        Refused: for a primitive that no rule covers, or whose rule refuses it.
+    """
+    found: Rule = RULES.get(equation.primitive.name, _unknown)
+    made: Any = found(g, equation, *arguments)
+    return [boxed(value) for value in (made if equation.primitive.multiple_results else [made])]
 
 
 def _unknown(g: Graph, equation: Any, *arrays: Array) -> Array:

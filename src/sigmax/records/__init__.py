@@ -2,7 +2,7 @@
 
 from sigmax.records.find_model import find_model
 from sigmax.records.load import builtin, load
-from sigmax.records.record import Record, Trial, parse_trial
+from sigmax.records.record import Backdrop, Record, Trial, parse_trial
 from sigmax.records.tracking import Outcome, check, track
 
-__all__ = ["Outcome", "Record", "Trial", "builtin", "check", "find_model", "load", "parse_trial", "track"]
+__all__ = ["Backdrop", "Outcome", "Record", "Trial", "builtin", "check", "find_model", "load", "parse_trial", "track"]

@@ -24,10 +24,19 @@ def _plaza(run: int) -> Callable[[], Record]:
     return make
 
 
+def _jacksboro() -> Record:
+    from sigmax.records.maps import elevation
+    from sigmax.records.terrain import terrain
+
+    return terrain(elevation("jacksboro"), "jacksboro")
+
+
 def builtin() -> dict[str, Builtin]:
     """The built-in records by name."""
     about = "a robot mower among four radio beacons: ranges and odometry, truth to centimetres (extra: plaza)"
-    return {f"plaza{run}": Builtin(_plaza(run), f"{about}, run {run}") for run in (1, 2)}
+    plazas = {f"plaza{run}": Builtin(_plaza(run), f"{about}, run {run}") for run in (1, 2)}
+    flight = "terrain-aided navigation over the Jacksboro fault: real heights, a simulated flight (extra: terrain)"
+    return plazas | {"jacksboro": Builtin(_jacksboro, flight)}
 
 
 def load(name: str) -> Record:

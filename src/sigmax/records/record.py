@@ -27,6 +27,24 @@ class Trial(NamedTuple):
     fixed: tuple[str, ...] = ()
 
 
+class Backdrop(NamedTuple):
+    """What a path is drawn upon, where the state's position is counted from a place that moves.
+
+    Attributes:
+        heights: (rows, columns), m, rows towards rising second coordinate.
+        spacing: of columns and rows, m.
+        origin: coordinates of the first column and row, m.
+        offset: (B, T, 2), added to the position of the state.
+        label: what the offset alone is.
+    """
+
+    heights: np.ndarray
+    spacing: tuple[float, float]
+    origin: tuple[float, float]
+    offset: np.ndarray
+    label: str
+
+
 @dataclass(frozen=True)
 class Record:
     """One or several tracks (B) laid out for one call, padded at the end to the longest (T).
@@ -51,6 +69,7 @@ class Record:
         source: where the data come from.
         licence: the terms they are under.
         notes: what a reader of the results should know.
+        backdrop: the map below the path, or None.
     """
 
     name: str
@@ -72,6 +91,7 @@ class Record:
     source: str = ""
     licence: str = ""
     notes: tuple[str, ...] = ()
+    backdrop: Backdrop | None = None
 
     @property
     def real(self) -> np.ndarray:

@@ -3,16 +3,15 @@
 from sigmax.rules.linearization import Linearization, Rule
 from sigmax.rules.marginal import Marginal
 from sigmax.rules.sets import (
-    SigmaSet,
     cubature,
     gauss_hermite,
     projected,
     scaled,
-    sigma_set,
     simplex,
     unscented,
 )
 from sigmax.rules.sigma import SigmaPoints
+from sigmax.rules.sigma_set import SigmaSet, sigma_set
 from sigmax.rules.taylor import Taylor1, Taylor2
 
 __all__ = [

@@ -32,3 +32,9 @@ class Rule(Protocol):
     def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """Linearise g: (n, ..., B) -> (m, ..., B), given x (n, B) and S (n, n, B), B possibly absent."""
         ...
+
+
+def slope_of(g: Function, x: jax.Array, S: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """g(x̂), and its derivative along each column of S (n, k, ...): (m, k, ...); no Jacobian is formed."""
+    y, derivative = jax.linearize(g, x)
+    return y, jax.vmap(derivative, in_axes=1, out_axes=1)(S)

@@ -1,104 +1,20 @@
-"""Sigma sets as data: unit points and weights that replace N(0, I); each family is a function of n."""
+"""Families of sigma sets: each is a function of n."""
 
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sigmax.errors import InputError
+from sigmax.rules.sigma_set import SigmaSet, sigma_set
 
 _LARGEST = 20_000
 
 
-class SigmaSet(NamedTuple):
-    """Points ξ and weights w with Σw = 1, Σwξ = 0, Σwξξᵀ = I, sorted for evaluation.
-
-    Attributes:
-        pairs: (k, n), one of each pair ±ξ of a symmetric set; k = 0 where the set is not symmetric.
-        pair_weights: (k,), the weight of each of the two.
-        singles: (s, n), all the points of a set that is not symmetric.
-        single_weights: (s,).
-        centre: weight of the point 0 in the mean of a symmetric set, None where it is not evaluated.
-        centre_covariance: weight of the point 0 in covariances.
-    """
-
-    pairs: np.ndarray
-    pair_weights: np.ndarray
-    singles: np.ndarray
-    single_weights: np.ndarray
-    centre: float | None
-    centre_covariance: float
-
-    @property
-    def dimension(self) -> int:
-        """N."""
-        return self.pairs.shape[1]
-
-    @property
-    def evaluations(self) -> int:
-        """The number of points."""
-        return 2 * len(self.pairs) + len(self.singles) + (self.centre is not None)
-
-
 Family = Callable[..., SigmaSet]
-
-
-def sigma_set(points: ArrayLike, weights: ArrayLike, centre_covariance: float | None = None) -> SigmaSet:
-    """Check a set of unit points (N, n) with weights (N,) and sort it; points of weight 0 are left out.
-
-    Args:
-        points: unit points, one a row, for N(0, I).
-        weights: their weights, negative ones allowed.
-        centre_covariance: the weight of the point 0 in covariances, if it is not its weight in the mean.
-
-    Raises:
-        InputError: if the set does not reproduce mean 0 and covariance I to 1e-9, with what it gives.
-    """
-    xi = np.atleast_2d(np.asarray(points, float))
-    w = np.asarray(weights, float)
-    if w.shape != xi.shape[:1]:
-        raise InputError(f"a sigma set needs one weight a point: {len(xi)} points, weights of shape {w.shape}")
-    moments = {
-        "sum of weights": (w.sum(), 1.0),
-        "mean": (w @ xi, 0.0),
-        "covariance": (np.einsum("i,ij,ik->jk", w, xi, xi), np.eye(xi.shape[1])),
-    }
-    for what, (have, want) in moments.items():
-        if not np.allclose(np.asarray(have), np.asarray(want), atol=1e-9, rtol=0):
-            raise InputError(
-                f"a sigma set for N(0, I) must have {what} {np.asarray(want).tolist()}, "
-                f"this one has {np.round(have, 9).tolist()}; scale its points or weights"
-            )
-    at_centre = (np.abs(xi) < 1e-14).all(1)
-    centre = float(w[at_centre].sum()) if at_centre.any() else None
-    pairs: list[np.ndarray] = []
-    pair_weights: list[float] = []
-    rest = list(np.flatnonzero(~at_centre))
-    while rest:
-        i = rest.pop(0)
-        twin = next(
-            (j for j in rest if np.allclose(xi[j], -xi[i], atol=1e-13) and np.isclose(w[j], w[i], rtol=1e-12)), None
-        )
-        if twin is None:
-            pairs = []
-            break
-        rest.remove(twin)
-        if w[i] != 0.0:
-            pairs.append(xi[i])
-            pair_weights.append(w[i])
-    n = xi.shape[1]
-    none = np.empty((0, n)), np.empty(0)
-    if not pairs:
-        if centre_covariance is not None:
-            raise InputError("a weight of the centre in covariances needs a symmetric set")
-        return SigmaSet(*none, xi[w != 0], w[w != 0], None, 0.0)
-    for_covariance = (centre or 0.0) if centre_covariance is None else float(centre_covariance)
-    if centre == 0.0 and for_covariance == 0.0:
-        centre = None
-    return SigmaSet(np.array(pairs), np.array(pair_weights), *none, centre, for_covariance)
 
 
 def _symmetric(
@@ -150,14 +66,18 @@ def cubature(n: int, degree: int = 3) -> SigmaSet:
     return _symmetric(points, weights, 2 / (n + 2))
 
 
-def simplex(n: int) -> SigmaSet:
-    """N + 1 points of equal weight, exact to degree 2; the first component takes two values only."""
+def simplex(n: int, moireau: bool = False) -> SigmaSet:
+    """N + 1 points of equal weight, exact to degree 2; the first component takes two values only.
+
+    With `moireau` the last one does, the order in which Moireau and Chapelle write the rows: a function that reads
+    the first components alone then has one more different point to be evaluated at.
+    """
     points = np.zeros((n + 1, n))
     for i in range(n):
         head = n - i
         points[head, i] = math.sqrt((n + 1) * head / (head + 1))
         points[:head, i] = -points[head, i] / head
-    return sigma_set(points, np.full(n + 1, 1 / (n + 1)))
+    return sigma_set(points[:, ::-1] if moireau else points, np.full(n + 1, 1 / (n + 1)))
 
 
 def gauss_hermite(n: int, order: int = 3) -> SigmaSet:
@@ -208,3 +128,12 @@ def unit_set(family: Family, parameters: tuple[tuple[str, Any], ...], n: int) ->
     if made.dimension != n:
         raise InputError(f"the sigma set {family.__name__} has {made.dimension} dimensions, the state has {n}")
     return made
+
+
+@lru_cache(maxsize=256)
+def unit_counts(
+    family: Family, parameters: tuple[tuple[str, Any], ...], n: int
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Its `counts` and `sizes`, found once."""
+    unit = unit_set(family, parameters, n)
+    return unit.counts, unit.sizes

@@ -1,25 +1,40 @@
-"""Sigma-point rules: statistical linear regression over any sigma set."""
+"""Sigma-point rules: statistical linear regression over any sigma set, of what is not straight alone."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import combine, static, wrap
-from sigmax.rules.linearization import Function, Linearization
-from sigmax.rules.sets import Family, SigmaSet, unit_set
+from sigmax.algebra.arrays import Lifted, wrap
+from sigmax.algebra.factor import reflected, turned_back
+from sigmax.dependence import Plan, Reading, planned, reading
+from sigmax.dependence.line import grouped
+from sigmax.dependence.reads import components
+from sigmax.rules.linearization import Function, Linearization, slope_of
+from sigmax.rules.regression import regressed
+from sigmax.rules.sets import Family, unit_counts, unit_set
+from sigmax.rules.sigma_set import SigmaSet
 
 
 class SigmaPoints:
     """A rule made from a family of sigma sets, a function `family(n, **parameters)`.
 
-    Two rules of the same family and parameters are equal, so a compiled filter is found again.
+    Of a model's function it samples only what is not a straight line of the state, each part at its
+    distinct points; what is straight has its exact moments. Two rules of the same family and parameters
+    are equal, so a compiled filter is found again.
+
+    Args:
+        family: makes the set.
+        permute: draw the points in the order of the state in which a function is evaluated least, where
+            that pays. The points then come from another root of the same covariance: equally good, but
+            not the same numbers for a function that is not straight (Belov et al.).
+        parameters: of the family.
     """
 
-    def __init__(self, family: Family, **parameters: Any) -> None:
-        self.family = family
+    def __init__(self, family: Family, *, permute: bool = False, **parameters: Any) -> None:
+        self.family, self.permute = family, permute
         self.parameters = tuple(sorted(parameters.items()))
 
     def __eq__(self, other: object) -> bool:
@@ -29,84 +44,118 @@ class SigmaPoints:
         return hash(self._key)
 
     def __repr__(self) -> str:
-        return f"SigmaPoints({', '.join([self.family.__name__, *(f'{k}={v!r}' for k, v in self.parameters)])})"
+        said = [f"{k}={v!r}" for k, v in self.parameters] + (["permute=True"] if self.permute else [])
+        return f"SigmaPoints({', '.join([self.family.__name__, *said])})"
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        return self.family, self.parameters
+        return self.family, self.permute, self.parameters
 
     def points(self, n: int) -> SigmaSet:
         """The unit set in n dimensions."""
         return unit_set(self.family, self.parameters, n)
 
+    def plan(self, read: Reading) -> Plan:
+        """What is done with a function of which it is known what it reads."""
+        return planned(read, *unit_counts(self.family, self.parameters, read.size), self.permute)
+
     def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """Evaluate g at the points x̂ + S ξ and regress; angles are differences about a reference."""
         unit = self.points(S.shape[1])
-        return (_symmetric if len(unit.pairs) else _general)(unit, g, x, S, angular)
+        if not isinstance(g, Lifted):
+            return regressed(unit, lambda points, _: g(points), x, S, angular)
+        read = reading(g.function, x.shape[0], g.single, x.dtype)
+        plan = self.plan(read)
+        made: dict[int, Linearization] = {}
+        straight = tuple(i for i in range(len(read.results)) if i not in plan.bent)
+        if straight:
+            made |= _rows(straight, _straight(read, straight, g, x, S, [angular[i] for i in straight]))
+        if plan.bent:
+            turning = [angular[i] for i in plan.bent]
+            made |= _rows(plan.bent, _sampled(unit, plan, read, g, x, S, turning))
+        return _joined([made[i] for i in range(len(read.results))])
 
 
-def _reference(g: Function, x: jax.Array, first: jax.Array, angular: Sequence[bool]) -> jax.Array:
-    """A value near all g(points), by component: g(x̂) for angles, any of the values for the others."""
-    if not any(angular):
-        return first
-    middle = g(x)
-    return jnp.stack([middle[i] if turning else first[i] for i, turning in enumerate(angular)])
+def _straight(
+    read: Reading, rows: Sequence[int], g: Lifted, x: jax.Array, S: jax.Array, angular: Sequence[bool]
+) -> Linearization:
+    """Results that are straight: their value at the mean, their slope along the factor, nothing missed."""
+    y, slope = slope_of(g.instead(_chosen(read, rows, lambda carried: carried < 0)), x, S)
+    return Linearization(wrap(y, angular), slope, slope[:, :0], slope[:, :0])
 
 
-def _symmetric(unit: SigmaSet, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
-    """Fold each pair: the odd part is the slope, the even part what the line misses."""
-    k, w = len(unit.pairs), unit.pair_weights
-    axes = k == unit.dimension and np.count_nonzero(unit.pairs) == k
-    spread = S * static(np.diag(unit.pairs), S, axis=1) if axes else combine(S, unit.pairs.T)
-    at = [x[:, None] + spread, x[:, None] - spread]
-    if unit.centre is not None:
-        at.append(x[:, None])
-    y = g(jnp.concatenate(at, axis=1))
-    reference = y[:, 2 * k] if unit.centre is not None else _reference(g, x, y[:, 0], angular)
-    delta = wrap(y[:, : 2 * k] - reference[:, None], angular)
-    odd, both = delta[:, :k] - delta[:, k:], delta[:, :k] + delta[:, k:]
-    shift = (both * static(w, both, axis=1)).sum(1)
-    slope = odd * static(w * np.diag(unit.pairs), odd, axis=1) if axes else combine(odd, w[:, None] * unit.pairs)
-    # Weights with a root: columns of what the line misses, kept where w > 0, taken away where w < 0.
-    columns = [(both - 2 * shift[:, None], w / 2)]
-    if k > unit.dimension:
-        columns.append((odd - 2 * combine(slope, unit.pairs.T), w / 2))
-    if unit.centre is not None:
-        columns.append((-shift[:, None], np.array([unit.centre_covariance])))
-    return Linearization(wrap(reference + shift, angular), slope, *_signed(columns))
+def _sampled(
+    unit: SigmaSet, plan: Plan, read: Reading, g: Lifted, x: jax.Array, S: jax.Array, angular: Sequence[bool]
+) -> Linearization:
+    """Results that are bent: sampled over the components that bend them, the others held at their mean.
+
+    The components that vary are N(x_a, T Tᵀ), and a projected sigma set is one for them; S_a = T Θ with
+    orthonormal rows Θ brings the slope back to the columns of S. What enters straight adds its slope.
+    """
+    levels, whole = plan.places(read), len(plan.bent) == len(read.results)
+
+    def at(points: jax.Array, xi: np.ndarray) -> jax.Array:
+        groups = grouped(xi)
+
+        def single(points: jax.Array, *rest: jax.Array) -> jax.Array:
+            values = read.line.at_points(points, rest, levels, groups)
+            return values if whole else values[np.array(plan.bent)]
+
+        return g.over_batch(single, points)
+
+    if plan.turned:
+        root, mirrors = reflected(jnp.stack([S[c] for c in plan.order]))
+        rows = dict(zip(plan.order, root, strict=True))
+    else:
+        rows = {c: S[c, : plan.size] for c in plan.order}
+    nothing = jnp.zeros_like(rows[plan.order[0]])
+    factor = jnp.stack([rows[c] if plan.levels[c] else nothing for c in range(read.size)])
+    line = regressed(unit.projected(plan.size), at, x, factor, angular)
+    if plan.turned:
+        slope = turned_back(line.slope, mirrors)
+    else:
+        beyond = jnp.zeros((len(plan.bent), read.size - plan.size, *x.shape[1:]), x.dtype)
+        slope = jnp.concatenate([line.slope, beyond], axis=1)
+    held = 0
+    for i in plan.bent:
+        held |= read.masks[read.results[i].index].reads & ~read.bent
+    if held:
+        along = jnp.stack([S[c] if c in components(held) else jnp.zeros_like(S[c]) for c in range(read.size)])
+        slope = slope + slope_of(g.instead(_chosen(read, plan.bent, lambda carried: carried & held)), x, along)[1]
+    return line._replace(slope=slope)
 
 
-def _general(unit: SigmaSet, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
-    xi, w = unit.singles, unit.single_weights
-    y = g(x[:, None] + combine(S, xi.T))
-    reference = _reference(g, x, y[:, 0], angular)
-    delta = wrap(y - reference[:, None], angular)
-    shift = (delta * static(w, delta, axis=1)).sum(1)
-    slope = combine(delta, w[:, None] * xi)
-    mean = wrap(reference + shift, angular)
-    if (w < 0).any():
-        missed = delta - shift[:, None] - combine(slope, xi.T)
-        return Linearization(mean, slope, *_signed([(missed, w)]))
-    # Deviations from a straight line live in the complement of 1 and ξ: for a simplex there is none.
-    root = np.sqrt(w)
-    span, _ = np.linalg.qr(np.column_stack([root, root[:, None] * xi]), mode="complete")
-    complement = root[:, None] * span[:, unit.dimension + 1 :]
-    residual = combine(delta, complement) if complement.shape[1] else slope[:, :0]
-    return Linearization(mean, slope, residual, slope[:, :0])
+def _chosen(read: Reading, rows: Sequence[int], matters: Callable[[int], Any]) -> Any:
+    """Some results of a function; derivatives pass where what a value carries straight matters to them."""
+    places = np.array(rows)
+    stopped = frozenset(
+        number
+        for number, call in enumerate(read.line.calls)
+        if all(read.places[o].reads and not matters(read.carries[o]) for o in call.outputs)
+    )
+
+    def function(x: jax.Array, *rest: jax.Array) -> jax.Array:
+        values = read.line(x, *rest, stopped=stopped)
+        return values if len(rows) == len(read.results) else values[places]
+
+    return function
 
 
-def _signed(columns: list[tuple[jax.Array, np.ndarray]]) -> tuple[jax.Array, jax.Array]:
-    kept: list[jax.Array] = []
-    taken: list[jax.Array] = []
-    for values, weights in columns:
-        for chosen, bag in ((weights > 0, kept), (weights < 0, taken)):
-            if chosen.all():
-                bag.append(values * static(np.sqrt(np.abs(weights)), values, axis=1))
-            elif chosen.any():
-                root = np.sqrt(np.abs(weights[chosen]))
-                bag.append(values[:, np.flatnonzero(chosen)] * static(root, values, axis=1))
-    empty = columns[0][0][:, :0]
-    return (
-        jnp.concatenate(kept, axis=1) if kept else empty,
-        jnp.concatenate(taken, axis=1) if taken else empty,
+def _rows(places: Sequence[int], line: Linearization) -> dict[int, Linearization]:
+    return {place: Linearization(*(part[i] for part in line)) for i, place in enumerate(places)}
+
+
+def _joined(rows: Sequence[Linearization]) -> Linearization:
+    """Linearisations of one result each as one; where a row misses nothing its columns are zero."""
+    widths = [max(row[k].shape[0] for row in rows) for k in (2, 3)]
+
+    def filled(columns: jax.Array, width: int) -> jax.Array:
+        empty = jnp.zeros((width - columns.shape[0], *columns.shape[1:]), columns.dtype)
+        return jnp.concatenate([columns, empty])
+
+    return Linearization(
+        jnp.stack([row.mean for row in rows]),
+        jnp.stack([row.slope for row in rows]),
+        jnp.stack([filled(row.residual, widths[0]) for row in rows]),
+        jnp.stack([filled(row.deficit, widths[1]) for row in rows]),
     )

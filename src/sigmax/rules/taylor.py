@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.arrays import wrap
-from sigmax.rules.linearization import Function, Linearization
+from sigmax.rules.linearization import Function, Linearization, slope_of
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Taylor1:
 
     def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """ŷ = g(x̂), E_j = dg[s_j], nothing left over."""
-        y, slope = _slope(g, x, S)
+        y, slope = slope_of(g, x, S)
         return Linearization(wrap(y, angular), slope, slope[:, :0], slope[:, :0])
 
 
@@ -39,7 +39,7 @@ class Taylor2:
 
     def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """ŷ = g(x̂) + ½ Σ h_jj, E_j = dg[s_j], N = (h_ij for i < j, h_jj / √2)."""
-        y, slope = _slope(g, x, S)
+        y, slope = slope_of(g, x, S)
         n = S.shape[1]
         i, j = (np.concatenate(pair) for pair in zip(np.triu_indices(n, 1), (np.arange(n),) * 2, strict=True))
 
@@ -57,8 +57,3 @@ class Taylor2:
         if not self.covariance:
             residual = residual[:, :0]
         return Linearization(wrap(mean, angular), slope, residual, slope[:, :0])
-
-
-def _slope(g: Function, x: jax.Array, S: jax.Array) -> tuple[jax.Array, jax.Array]:
-    y, derivative = jax.linearize(g, x)
-    return y, jax.vmap(derivative, in_axes=1, out_axes=1)(S)

@@ -14,6 +14,7 @@ from sigmax.filters import Filter
 from sigmax.models.checks import is_traced
 from sigmax.models.evaluate import noise_roots
 from sigmax.models.model import Model
+from sigmax.models.opaque import calls_out
 from sigmax.running.edge import Prepared
 from sigmax.running.step import Belief, Innovation, begin, correct, later, predict
 
@@ -74,7 +75,9 @@ def _over_cores(filter: Filter, keep: frozenset[str], model: Model, laid: _Laid)
     """A large batch in as many equal parts as there are cores: the compiler alone uses little more than one."""
     cores = os.cpu_count() or 1
     batch = laid.mean.shape[1] if laid.mean.ndim == 2 else 1
-    if jax.default_backend() != "cpu" or cores == 1 or batch < cores * _SMALLEST_PART:
+    small = cores == 1 or batch < cores * _SMALLEST_PART
+    # What is opaque is to be called once for the whole batch, and never by two threads at a time.
+    if jax.default_backend() != "cpu" or small or _opaque(model, laid):
         return _compiled_scan(filter, keep, model, *laid)
     size = -(-batch // cores)
     # Equal parts share one compilation; the last one repeats some tracks to be as long as the others.
@@ -96,6 +99,14 @@ def _over_cores(filter: Filter, keep: frozenset[str], model: Model, laid: _Laid)
         return np.concatenate([*pieces[:-1], np.asarray(pieces[-1])[..., overlap:]], axis=-1)
 
     return jax.tree.map(joined, *parts)
+
+
+def _opaque(model: Model, laid: _Laid) -> bool:
+    x, dt = jnp.zeros(model.size), jnp.zeros(())
+    u = () if laid.u is None else (jnp.zeros(laid.u.shape[1]),)
+    return calls_out(model.motion, x, dt, *u[: model.motion_inputs]) or any(
+        calls_out(h, x, *u[: model.sensor_inputs[s]]) for s, h in model.sensors.items()
+    )
 
 
 def _scan(

@@ -60,6 +60,7 @@ class Study:
         optimum_runs: the optimum is computed in the first so many runs.
         units: of the components of the state, "" where unknown; angles are radians.
         about: sentences for the report.
+        extra: what else the summary is to hold, found once at the end.
     """
 
     name: str
@@ -84,6 +85,7 @@ class Study:
     optimum_runs: int = 500
     units: Sequence[str] = ()
     about: Sequence[str] = ()
+    extra: Callable[[], Mapping[str, Any]] | None = None
     apart: Model | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:

@@ -91,6 +91,7 @@ def summary(c: Comparison) -> dict[str, Any]:
         "optimum": None if c.optimum is None else by_component(c.optimum.check.rmse.value),
         "bound": None if c.bound is None else by_component(c.bound),
         "no_bound": c.no_bound or None,
+        **(c.study.extra() if c.study.extra is not None else {}),
         "versions": versions(),
     }
 

@@ -132,7 +132,7 @@ def verdict(c: Comparison) -> tuple[str, list[str]]:
     if not sound:
         least = min(ran, key=_merit)
         return (
-            f"None of these filters can be trusted here; {least.name} comes nearest to {to}: {_distance(least)}.",
+            f"None of these filters can be trusted here; the errors of {least.name} are {_distance(least)} {to}.",
             sentences,
         )
     best = min(sound, key=_merit)

@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from sigmax.records import Record
+from sigmax.records import Backdrop, Record
 from sigmax.reports.figures.draw import (
     INK,
     MUTED,
@@ -27,6 +27,8 @@ _ELLIPSES = 36
 # Ellipses are drawn as polygons of so many points.
 _CORNERS = 32
 _KILOMETRES_FROM = 20_000.0
+# Heights on the page.
+_CELLS = 20_000
 
 
 def path_figure(record: Record, ran: Sequence[Shown], advised: int, apart: Collection[int]) -> Figure | None:
@@ -42,17 +44,33 @@ def path_figure(record: Record, ran: Sequence[Shown], advised: int, apart: Colle
     if names == ["north", "east"]:
         # Maps have north above.
         a, b, names = b, a, ["east", "north"]
+    backdrop = record.backdrop
+    offset = np.zeros(1) if backdrop is None else backdrop.offset
+
+    def placed(values: np.ndarray, component: int) -> np.ndarray:
+        """A component of positions (B, T, n) where it is drawn."""
+        where = record.position.index(component)
+        return values[..., component] if backdrop is None else values[..., component] + offset[..., where]
+
+    if backdrop is not None:
+        names = ["east", "north"]
     points = limit(len(ran) * len(record.tracks))
     rows = [(k, stride(int(n), points)) for k, n in enumerate(record.steps)]
-    extent = max(float(np.ptp(result_of(o).mean[..., i][record.real])) for _, _, o in ran for i in (a, b))
+    extent = max(float(np.ptp(placed(result_of(o).mean, i)[record.real])) for _, _, o in ran for i in (a, b))
     scale, unit = (1e-3, "km") if extent > _KILOMETRES_FROM else (1.0, "m")
     data: list[Figure] = []
+    if backdrop is not None:
+        data.append(_heights(backdrop, scale))
+        x, y = (joined([offset[k, r, j] * scale for k, r in rows]) for j in (0, 1))
+        data.append(
+            line(backdrop.label, x, y, MUTED, width=1.5) | {"line": {"color": INK, "width": 1.5, "dash": "dot"}}
+        )
     if not np.isnan(record.truth[..., [a, b]]).all():
-        x, y = (joined([record.truth[k, r, i] * scale for k, r in rows]) for i in (a, b))
+        x, y = (joined([placed(record.truth, i)[k, r] * scale for k, r in rows]) for i in (a, b))
         data.append(line("truth", x, y, TRUTH, width=4, opacity=0.6))
     for index, label, outcome in sorted(ran, key=lambda one: one[0] == advised):
         mean = result_of(outcome).mean
-        x, y = (joined([mean[k, r, i] * scale for k, r in rows]) for i in (a, b))
+        x, y = (joined([placed(mean, i)[k, r] * scale for k, r in rows]) for i in (a, b))
         drawn = line(label, x, y, colour(index), *((1.8, 1.0) if index == advised else (1.0, 0.75)))
         # Filters that agree would lie on top of one another.
         data.append(drawn if index == advised or index in apart else drawn | {"visible": "legendonly"})
@@ -90,6 +108,24 @@ def path_figure(record: Record, ran: Sequence[Shown], advised: int, apart: Colle
     }
 
 
+def _heights(backdrop: Backdrop, scale: float) -> Figure:
+    """The map as a picture of heights, thinned to what a page can hold."""
+    step = max(1, round(float(np.sqrt(backdrop.heights.size / _CELLS))))
+    shown = backdrop.heights[::step, ::step]
+    along = [backdrop.origin[k] + backdrop.spacing[k] * step * np.arange(shown.shape[1 - k]) for k in (0, 1)]
+    return {
+        "type": "heatmap",
+        "x": plain(along[0] * scale),
+        "y": plain(along[1] * scale),
+        "z": [plain(np.round(row)) for row in shown],
+        "colorscale": [[0, "#dfe8d5"], [0.35, "#c9c79c"], [0.7, "#b59a6d"], [1, "#f4f1ea"]],
+        "colorbar": {"title": {"text": "height [m]"}, "thickness": 12, "x": 1.02},
+        "hovertemplate": "%{z:.0f} m<extra></extra>",
+        "name": "height",
+        "showlegend": False,
+    }
+
+
 def _ellipses(record: Record, result: Result, places: tuple[int, int], scale: float) -> tuple[np.ndarray, np.ndarray]:
     """Outlines of the 2σ ellipses along all tracks."""
     each = max(3, _ELLIPSES // len(record.tracks))
@@ -102,5 +138,8 @@ def _ellipses(record: Record, result: Result, places: tuple[int, int], scale: fl
             S = result.factor[k, step][list(places)]
             values, vectors = np.linalg.eigh(S @ S.T)
             ellipse = (vectors * np.sqrt(np.maximum(values, 0))) @ circle
-            outlines.append((result.mean[k, step][list(places), None] + ellipse) * scale)
+            centre = result.mean[k, step][list(places), None]
+            if record.backdrop is not None:
+                centre = centre + record.backdrop.offset[k, step][:, None]
+            outlines.append((centre + ellipse) * scale)
     return joined([o[0] for o in outlines]), joined([o[1] for o in outlines])
