@@ -180,6 +180,18 @@ class Layout(NamedTuple):
     polar_velocity: tuple[int, int] | None = None
     rest: dict[str, tuple[float, float]] = {}  # noqa: RUF012
 
+    def speed(self, mean: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Speeds of states (B,) and their standard deviations."""
+        if self.velocity is None:
+            assert self.polar_velocity is not None
+            place = self.polar_velocity[0]
+            return np.abs(mean[:, place]), np.sqrt(cov[:, place, place])
+        v = mean[:, self.velocity]
+        speed = np.linalg.norm(v, axis=1)
+        along = v / np.maximum(speed, 1e-12)[:, None]
+        places = np.array(self.velocity)
+        return speed, np.sqrt(np.einsum("ki,kij,kj->k", along, cov[:, places[:, None], places], along))
+
     def priors(self, births: Births, model: Model) -> tuple[np.ndarray, np.ndarray]:
         """Means (k, n) and covariances (k, n, n) of states."""
         k, n, d = len(births.plot), model.size, len(self.position)

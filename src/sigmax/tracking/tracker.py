@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
@@ -92,6 +93,10 @@ class Cycle:
         birth: probability that a free plot, or pair of plots, is a new target.
         lifetime: seconds that a target stays on average.
         merge: tracks nearer to each other than so many standard deviations are one, see `duplicates`; 0: never.
+        extent: m; how far from the middle of a target its plots may lie: within it of a confirmed track no other begins.
+        speeds: m/s; a track is confirmed once it is faster than the first for certain (by two standard deviations),
+            so that what stands still is no target where the first is above 0; one that is faster than the second
+            for certain (by three) ends.
     """
 
     modes: Modes
@@ -104,6 +109,8 @@ class Cycle:
     birth: float = 0.1
     lifetime: float = 1e4
     merge: float = 0.5
+    extent: float = 0.0
+    speeds: tuple[float, float] = (0.0, np.inf)
 
     def __post_init__(self) -> None:
         model = self.modes.model
@@ -178,8 +185,12 @@ class Cycle:
             "dof_sum": float((found.share * pairs.made.dof)[own].sum()),
         }
         confirm, drop = self.rule(scan.time, life)
-        life = life._replace(confirmed=life.confirmed | (confirm & ~drop))
         mean, cov = self.modes.moments(beliefs)
+        if self.speeds != (0.0, np.inf):
+            speed, deviation = self.layout.speed(mean, cov)
+            confirm &= (speed - 2 * deviation > self.speeds[0]) | (self.speeds[0] == 0)
+            drop |= speed - 3 * deviation > self.speeds[1]
+        life = life._replace(confirmed=life.confirmed | (confirm & ~drop))
         drop |= lives.duplicates(mean, cov, self.layout.position, life, self.merge)
         ended = np.concatenate([ended, life.id[drop]])
         if drop.any():
@@ -189,7 +200,7 @@ class Cycle:
         memory, next_id = state.memory, state.next_id
         if detector.locate is not None:
             free = 1 - np.minimum(summed(found.share, pairs.plot, k), 1) > 0.5
-            memory, next_id, born, started = self._begun(state, scan, np.flatnonzero(free))
+            memory, next_id, born, started = self._begun(state, scan, np.flatnonzero(free), mean[life.confirmed])
             if len(started.id):
                 fresh_mean, fresh_cov = self.modes.moments(born.beliefs)
                 beliefs, life = beliefs.joined(born.beliefs), life.joined(started)
@@ -213,12 +224,17 @@ class Cycle:
         )
         return State(Tracks(scan.time, beliefs, life), next_id, memory), told
 
-    def _begun(self, state: State, scan: Scan, free: np.ndarray) -> tuple[Mapping[str, Any], int, Any, Life]:
+    def _begun(
+        self, state: State, scan: Scan, free: np.ndarray, confirmed: np.ndarray
+    ) -> tuple[Mapping[str, Any], int, Any, Life]:
         """Tracks that begin with the free plots."""
         locate = self.detectors[scan.sensor].locate
         assert locate is not None
         whole = free[np.isfinite(scan.z[free]).all(1)]
         where = locate(scan.z[whole], scan.u)
+        if self.extent > 0 and len(confirmed):
+            apart = cKDTree(confirmed[:, self.layout.position]).query(where.position)[0] > self.extent
+            where, whole = where.take(apart), whole[apart]
         # Of plots on one spot, one begins a track.
         cell = 3 * np.sqrt(np.einsum("kii->k", where.cov).max(initial=1e-300))
         _, first = np.unique(np.round(where.position / cell), axis=0, return_index=True)
