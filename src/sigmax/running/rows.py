@@ -7,13 +7,13 @@ import numpy as np
 
 from sigmax.filters import Filter
 from sigmax.models.model import Model
-from sigmax.native.driver import EMPTY, Record, Sensor, driver, over_cores, pointer, series
+from sigmax.native.driver import EMPTY, Record, Sensor, Step, driver, over_cores, pointer, series
 from sigmax.running.backend import attempt
 from sigmax.running.covariances import covariances
 from sigmax.running.edge import as_filter, cast, run_type
 from sigmax.running.lanes import started
 from sigmax.running.live_xla import begun, half_steps
-from sigmax.running.lowered import lowered
+from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.step import Innovation
 
 Corrected = tuple[np.ndarray, Innovation, np.ndarray]
@@ -39,6 +39,7 @@ class RowSteps:
         self.model = cast(model, self.dtype)
         self.packing = lowered(self.filter, self.model, 0, self.dtype).packing
         self._leaves, self._structure = jax.tree.flatten(self.model)
+        self._ready: dict[Any, tuple[Lowered, Step, np.ndarray]] = {}
 
     def start(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
         """The rows of means (B, n) and covariances (B, n, n)."""
@@ -116,10 +117,9 @@ class RowSteps:
             Unavailable: without a compiler, or where it fails.
         """
         given = None if u is None else np.ascontiguousarray(u, self.dtype)
-        low = lowered(self.filter, self.model, 0 if given is None else given.shape[-1], self.dtype)
         B, m = len(rows), 0 if z is None else z.shape[-1]
-        (step,) = low.need(("predict",) if z is None else ("correct", sensor, m))
-        constants = step.setup(low.parameters(self.model))
+        part = ("predict",) if z is None else ("correct", sensor, m)
+        low, step, constants = self._made(part, 0 if given is None else given.shape[-1])
         state, fault = rows.astype(self.dtype), np.zeros(B, np.int8)
         told = Innovation(
             np.empty((B, m), self.dtype),
@@ -145,6 +145,14 @@ class RowSteps:
         single = self.dtype == np.float32
         over_cores(driver(single)["record"], job, B, single)
         return state, told, fault
+
+    def _made(self, part: tuple[Any, ...], inputs: int) -> tuple[Lowered, Step, np.ndarray]:
+        """A compiled half-step and its constants, looked up once."""
+        if (part, inputs) not in self._ready:
+            low = lowered(self.filter, self.model, inputs, self.dtype)
+            (step,) = low.need(part)
+            self._ready[part, inputs] = low, step, step.setup(low.parameters(self.model))
+        return self._ready[part, inputs]
 
     def _belief(self, rows: np.ndarray) -> Any:
         return self.packing.unpacked(_padded(rows))

@@ -1,1 +1,40 @@
 """From plots to tracks: initiation, gating, association, track life, for many targets at once."""
+
+from sigmax.tracking.associate import gnn, jpda, nearest, pda
+from sigmax.tracking.cycle import Cycle
+from sigmax.tracking.detector import Detector, Scan, polar, positions
+from sigmax.tracking.health import SensorHealth, health
+from sigmax.tracking.initiate import Layout, single_plot, two_point
+from sigmax.tracking.life import by_existence, m_of_n
+from sigmax.tracking.metrics import Quality, Truth, gospa, ospa, quality
+from sigmax.tracking.modes import Modes
+from sigmax.tracking.state import Told
+from sigmax.tracking.tracker import Tracker, in_order
+
+__all__ = [
+    "Cycle",
+    "Detector",
+    "Layout",
+    "Modes",
+    "Quality",
+    "Scan",
+    "SensorHealth",
+    "Told",
+    "Tracker",
+    "Truth",
+    "by_existence",
+    "gnn",
+    "gospa",
+    "health",
+    "in_order",
+    "jpda",
+    "m_of_n",
+    "nearest",
+    "ospa",
+    "pda",
+    "polar",
+    "positions",
+    "quality",
+    "single_plot",
+    "two_point",
+]

@@ -66,7 +66,9 @@ def gnn(e: Evidence) -> Association:
     worth = gain > 0
     places = np.flatnonzero(worth)
     track, plot = e.track[places], e.plot[places]
-    alone = (np.bincount(track, minlength=len(e.silence))[track] == 1) & (np.bincount(plot, minlength=e.plots)[plot] == 1)
+    alone = (np.bincount(track, minlength=len(e.silence))[track] == 1) & (
+        np.bincount(plot, minlength=e.plots)[plot] == 1
+    )
     rest = places[~alone]
     chosen = [places[alone]]
     if len(rest):

@@ -46,8 +46,9 @@ class Located(NamedTuple):
 
     def take(self, index: Any) -> "Located":
         """Some of the plots."""
-        parts = (None if a is None else a[index] for a in self[:4])
-        return Located(*parts, self.radial_variance)  # type: ignore[arg-type]
+        direction = None if self.direction is None else self.direction[index]
+        radial = None if self.radial is None else self.radial[index]
+        return Located(self.position[index], self.cov[index], direction, radial, self.radial_variance)
 
 
 Locate = Callable[[np.ndarray, np.ndarray | None], Located]

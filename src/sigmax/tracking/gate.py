@@ -1,6 +1,7 @@
 """Which plots may belong to which tracks: a spatial index finds the near ones, the innovation's factor decides."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -47,17 +48,24 @@ def gated(modes: Modes, beliefs: Beliefs, scan: Scan, probability: float) -> Pai
     likeliest = np.argmax(beliefs.weight, axis=1)
     expected = np.stack(centres)[likeliest, np.arange(len(likeliest))] if len(likeliest) else np.empty((0, m))
     # A gate of at most m components: the box of the widest.
-    reach = np.sqrt(chi2.ppf(probability, m))
+    limit = _quantiles(probability, m)
+    reach = np.sqrt(limit[m])
     found = [_near(c, reach * d, scan.z, angular) for c, d in zip(centres, deviations, strict=True)]
     codes = found[0] if len(found) == 1 else np.unique(np.concatenate(found))
     track, plot = np.divmod(codes, max(len(scan.z), 1))
     made = modes.correct(beliefs, track, scan.sensor, scan.z[plot], scan.u)
     # A correction that is not sound has no degrees of freedom, and no place in the gate.
-    inside = (made.dof > 0) & (made.nis <= chi2.ppf(probability, np.arange(m + 1))[made.dof])
+    inside = (made.dof > 0) & (made.nis <= limit[made.dof])
     made = Corrections(
         tuple(r[inside] for r in made.rows), made.log_likelihood[inside], made.nis[inside], made.dof[inside]
     )
     return Pairs(track[inside], plot[inside], made, expected)
+
+
+@cache
+def _quantiles(probability: float, m: int) -> np.ndarray:
+    """Of chi-square with 0, 1, … m degrees of freedom."""
+    return np.array([0.0, *(chi2.ppf(probability, i + 1) for i in range(m))])
 
 
 def _near(centre: np.ndarray, half: np.ndarray, z: np.ndarray, angular: Sequence[bool]) -> np.ndarray:
@@ -75,9 +83,7 @@ def _near(centre: np.ndarray, half: np.ndarray, z: np.ndarray, angular: Sequence
     return np.sort(np.concatenate(codes)) if codes else np.empty(0, int)
 
 
-def _box(
-    centre: np.ndarray, half: np.ndarray, z: np.ndarray, angular: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _box(centre: np.ndarray, half: np.ndarray, z: np.ndarray, angular: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if not len(centre) or not len(z):
         return np.empty(0, int), np.empty(0, int)
     # In units of the usual gate, where a box is nearly a cube.

@@ -109,7 +109,8 @@ def two_point(max_speed: float, within: float) -> Initiate:
         if not found:
             nothing = np.empty((0, d))
             return Births(nothing, nothing, np.empty((0, 2 * d, 2 * d)), np.empty(0, int), 2), rest
-        return Births(*(np.concatenate(part) for part in zip(*(b[:4] for b in found), strict=True)), 2), rest
+        position, velocity, cov, plot = (np.concatenate(part) for part in zip(*(b[:4] for b in found), strict=True))
+        return Births(position, velocity, cov, plot, 2), rest
 
     return initiate
 

@@ -151,7 +151,7 @@ class Modes:
         Exact for what the shares say: mode and plot are weighted jointly, and each mode's mixture becomes one
         Gaussian (PDA, Bar-Shalom and Tse 1975; with modes, Houles and Bar-Shalom 1989).
         """
-        B, M = before.weight.shape
+        B = len(before.weight)
         chosen = share > 0
         track, share = track[chosen], share[chosen]
         likelihood = made.log_likelihood[chosen]
@@ -187,10 +187,13 @@ def _mode_updated(
     total = silent + np.bincount(track, weight, len(before))
     fraction = weight / np.maximum(total[track], 1e-300)
     certain = fraction > 1 - 1e-9
+    # A mode that is out of the question stays as it was.
+    possible = total > 1e-200
     rows[track[certain]] = after[certain]
     mixed = np.zeros(len(before), bool)
     mixed[track[~certain]] = True
     mixed[track[certain]] = False
+    mixed &= possible
     if mixed.any():
         place = np.cumsum(mixed) - 1
         part = mixed[track]

@@ -1,288 +1,140 @@
-"""The cycle: predict all tracks, gate, associate, correct, confirm and end, begin new ones."""
+"""A tracker at the end of live sensors: scans in any order of arrival, within a window."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from sigmax.errors import InputError, unknown
-from sigmax.filters import Filter
-from sigmax.models.model import Model
-from sigmax.tracking import life as lives
-from sigmax.tracking.associate import Associate, Evidence, gnn
-from sigmax.tracking.detector import Detector, Scan
-from sigmax.tracking.gate import gated
-from sigmax.tracking.initiate import Free, Initiate, Layout, two_point
-from sigmax.tracking.life import Life, Rule, Tracks, by_existence
-from sigmax.tracking.mixture import summed
-from sigmax.tracking.modes import Modes
+from sigmax.errors import InputError
+from sigmax.tracking.cycle import Cycle
+from sigmax.tracking.detector import Scan
+from sigmax.tracking.state import State, Told
+
+# So many scans refused on end, and the clock has been set back.
+_PATIENCE = 10
 
 
-class Told(NamedTuple):
-    """What one scan did to the tracks that were there after it.
+class _Entry(NamedTuple):
+    scan: Scan
+    before: State
+    told: Told
 
-    Attributes:
-        time: seconds.
-        sensor: which reported.
-        id: of the tracks (B,).
-        confirmed: whether each is confirmed (B,).
-        existence: the probability that there is a target (B,).
-        mean: (B, n).
-        cov: (B, n, n).
-        mode: the probability of each mode (B, M).
-        plot: the plot that most likely belongs to it, -1 for none (B,).
-        nis: of that plot (B,), NaN for none.
-        plots: how many plots the scan had.
-        gated: how many of them lay in the gate of a track.
-        expected: how many plots confirmed tracks should have had, Σ P_D.
-        found: how many they had.
-        nis_sum: of those plots, and the components measured by them, `dof_sum`.
-        dof_sum: see there.
-        ended: ids of tracks that ended.
-        faults: tracks that ended because a number was not sound.
-    """
-
-    time: float
-    sensor: str
-    id: np.ndarray
-    confirmed: np.ndarray
-    existence: np.ndarray
-    mean: np.ndarray
-    cov: np.ndarray
-    mode: np.ndarray
-    plot: np.ndarray
-    nis: np.ndarray
-    plots: int
-    gated: int
-    expected: float
-    found: float
-    nis_sum: float
-    dof_sum: int
-    ended: np.ndarray
-    faults: int
+    @property
+    def key(self) -> tuple[float, str]:
+        return self.scan.time, self.scan.sensor
 
 
-class State(NamedTuple):
-    """All that the cycle carries from scan to scan; a value, never changed in place.
+class Tracker:
+    """Takes scans one by one; the one object with a state.
+
+    A scan that comes late, but within the window, is handled exactly: the tracks go back to the state before it,
+    and it and all later scans are processed again, as if it had come in time. An older one is refused.
+
+    Args:
+        cycle: how plots become tracks.
+        window: seconds by which a scan may be late; the states of so much time are kept.
+        jump: seconds; a scan so much later than all others is held back until another one confirms that the
+            clock is right, else it is refused.
 
     Attributes:
-        tracks: the tracks.
-        next_id: of the next track that begins.
-        memory: what the rule of initiation remembers, by sensor.
+        counts: scans by what became of them: "taken", "late" (handled in place), "refused" (too late), "repeated"
+            (the same scan again), "jumped" (refused for a jump of the clock), and "restarts": how often the clock
+            went back for good, and tracking began anew.
+
+    Raises:
+        InputError: for a window or a jump that is negative.
     """
 
-    tracks: Tracks
-    next_id: int
-    memory: Mapping[str, Any]
+    def __init__(self, cycle: Cycle, *, window: float = 0.0, jump: float = 3600.0) -> None:
+        if not window >= 0 or not jump > window:
+            raise InputError(f"window must be at least 0, and jump above it; they are {window} and {jump}")
+        self.cycle, self.window, self.jump = cycle, window, jump
+        self.state = cycle.begin()
+        self.counts: Counter[str] = Counter()
+        self._settled: list[Told] = []
+        self._recent: list[_Entry] = []
+        self._held: Scan | None = None
+        self._refused_on_end = 0
 
+    @property
+    def history(self) -> list[Told]:
+        """What every scan did, in the order of time (scans at one time by the name of their sensor)."""
+        return [*self._settled, *(e.told for e in self._recent)]
 
-@dataclass(frozen=True)
-class Cycle:
-    """How plots become tracks: every part can be exchanged.
-
-    Attributes:
-        modes: the filter, or several that take turns: `Modes([(filter, model)])`.
-        detectors: how each sensor of the model detects, by its name.
-        layout: where position and velocity stand in the state.
-        initiate: how tracks begin: `single_plot`, `two_point`, `hypotheses`.
-        associate: which plots they take: `nearest`, `gnn`, `pda`, `jpda`.
-        rule: when they are confirmed and end: `m_of_n`, `by_existence`.
-        gate: probability that a target's plot lies in its gate.
-        birth: probability that a free plot, or pair of plots, is a new target.
-        lifetime: seconds that a target stays on average.
-        merge: tracks nearer to each other than so many standard deviations are one, see `duplicates`; 0: never.
-        extent: m; how far from the middle of a target its plots may lie: within it of a confirmed track no other begins.
-        speeds: m/s; a track is confirmed once it is faster than the first for certain (by two standard deviations),
-            so that what stands still is no target where the first is above 0; one that is faster than the second
-            for certain (by three) ends.
-    """
-
-    modes: Modes
-    detectors: Mapping[str, Detector]
-    layout: Layout = Layout()
-    initiate: Initiate = two_point(50.0, 10.0)
-    associate: Associate = gnn
-    rule: Rule = by_existence()
-    gate: float = 0.999
-    birth: float = 0.1
-    lifetime: float = 1e4
-    merge: float = 0.5
-    extent: float = 0.0
-    speeds: tuple[float, float] = (0.0, np.inf)
-
-    def __post_init__(self) -> None:
-        model = self.modes.model
-        for sensor in self.detectors:
-            if sensor not in model.sensors:
-                raise unknown("sensor", sensor, model.sensors)
-        for what, value in (("gate", self.gate), ("birth", self.birth)):
-            if not 0 < value < 1:
-                raise InputError(f"{what} is a probability between 0 and 1; it is {value}")
-        if not self.lifetime > 0:
-            raise InputError(f"lifetime is in seconds, above 0; it is {self.lifetime}")
-
-    def begin(self) -> State:
-        """No tracks yet."""
-        return State(Tracks(None, self.modes.empty(), lives.none()), 0, {})
-
-    def checked(self, scan: Scan) -> Scan:
-        """The scan with its plots as numbers (k, m).
+    def step(self, scan: Scan) -> Told | None:
+        """Take a scan; what it did, or None where it was not taken (see `counts`).
 
         Raises:
             InputError: where it does not fit the model.
         """
-        model = self.modes.model
-        if scan.sensor not in self.detectors:
-            raise unknown("sensor", scan.sensor, self.detectors)
-        z = np.asarray(scan.z, float)
-        names = model.measurement[scan.sensor]
-        m = len(names) if names is not None else (z.shape[1] if z.ndim == 2 else 0)
-        z = z.reshape(0, m) if z.size == 0 else z
-        if z.ndim != 2 or z.shape[1] != m:
-            raise InputError(f"the plots of {scan.sensor or 'the sensor'} need the shape (k, {m}); it is {z.shape}")
-        if not np.isfinite(scan.time):
-            raise InputError(f"a scan needs a time in seconds; it is {scan.time}")
-        u = None if scan.u is None else np.asarray(scan.u, float)
-        if model.sensor_inputs[scan.sensor] and (u is None or not np.isfinite(u).all()):
-            raise InputError(f"the sensor {scan.sensor!r} takes inputs: give Scan(…, u=) finite numbers; it is {scan.u}")
-        return Scan(float(scan.time), scan.sensor, z, u if model.sensor_inputs[scan.sensor] else u)
+        scan = self.cycle.checked(scan)
+        if self._held is not None:
+            held, self._held = self._held, None
+            if abs(scan.time - held.time) <= self.jump:
+                self._take(held)
+            else:
+                self.counts["jumped"] += 1
+        latest = self.state.tracks.time
+        if latest is not None and scan.time > latest + self.jump:
+            self._held = scan
+            return None
+        return self._take(scan)
 
-    def advance(self, state: State, scan: Scan) -> tuple[State, Told]:
-        """The state after a scan that is not older than it, and what the scan did."""
-        scan = self.checked(scan)
-        detector = self.detectors[scan.sensor]
-        tracks = state.tracks
-        dt = 0.0 if tracks.time is None else scan.time - tracks.time
-        beliefs, sound = self.modes.predict(tracks.beliefs, dt)
-        life = lives.later(tracks.life, dt, self.lifetime)
-        faults, ended = int((~sound).sum()), life.id[~sound]
-        if faults:
-            beliefs, life = beliefs.take(sound), life.take(sound)
-        # Without inputs of its own a sensor takes none.
-        u = scan.u if self.modes.model.sensor_inputs[scan.sensor] else None
-        pairs = gated(self.modes, beliefs, scan._replace(u=u), self.gate)
-        B, k = len(life.id), len(scan.z)
-        seen = detector.detects(pairs.expected)
-        seen = np.where(np.isfinite(seen), seen, 0.0)
-        with np.errstate(divide="ignore"):
-            ratio = pairs.log_likelihood(beliefs.weight) + np.log(
-                seen[pairs.track] / detector.false(scan.z)[pairs.plot]
-            )
-        evidence = Evidence(pairs.track, pairs.plot, ratio, np.log1p(-seen * self.gate), life.existence, k)
-        found = self.associate(evidence)
-        beliefs = self.modes.update(beliefs, pairs.made, pairs.track, found.share)
-        hit, plot, nis = _best(pairs.track, pairs.plot, pairs.made.nis, found.share, B)
-        life = life.told(scan.time, hit, seen > 0.05, found.existence)
-        own = life.confirmed[pairs.track]
-        statistics = {
-            "plots": k,
-            "gated": len(np.unique(pairs.plot)),
-            "expected": float((seen * self.gate)[life.confirmed].sum()),
-            "found": float(found.share[own].sum()),
-            "nis_sum": float((found.share * pairs.made.nis)[own].sum()),
-            "dof_sum": float((found.share * pairs.made.dof)[own].sum()),
-        }
-        confirm, drop = self.rule(scan.time, life)
-        mean, cov = self.modes.moments(beliefs)
-        if self.speeds != (0.0, np.inf):
-            speed, deviation = self.layout.speed(mean, cov)
-            confirm &= (speed - 2 * deviation > self.speeds[0]) | (self.speeds[0] == 0)
-            drop |= speed - 3 * deviation > self.speeds[1]
-        life = life._replace(confirmed=life.confirmed | (confirm & ~drop))
-        drop |= lives.duplicates(mean, cov, self.layout.position, life, self.merge)
-        ended = np.concatenate([ended, life.id[drop]])
-        if drop.any():
-            stay = ~drop
-            beliefs, life = beliefs.take(stay), life.take(stay)
-            mean, cov, plot, nis = (a[stay] for a in (mean, cov, plot, nis))
-        memory, next_id = state.memory, state.next_id
-        if detector.locate is not None:
-            free = 1 - np.minimum(summed(found.share, pairs.plot, k), 1) > 0.5
-            memory, next_id, born, started = self._begun(state, scan, np.flatnonzero(free), mean[life.confirmed])
-            if len(started.id):
-                fresh_mean, fresh_cov = self.modes.moments(born.beliefs)
-                beliefs, life = beliefs.joined(born.beliefs), life.joined(started)
-                mean, cov = np.concatenate([mean, fresh_mean]), np.concatenate([cov, fresh_cov])
-                plot = np.concatenate([plot, born.plot])
-                nis = np.concatenate([nis, np.full(len(born.plot), np.nan)])
-        told = Told(
-            scan.time,
-            scan.sensor,
-            life.id,
-            life.confirmed,
-            life.existence,
-            mean,
-            cov,
-            beliefs.weight,
-            plot,
-            nis,
-            ended=ended,
-            faults=faults,
-            **statistics,
-        )
-        return State(Tracks(scan.time, beliefs, life), next_id, memory), told
+    def run(self, scans: Iterable[Scan]) -> list[Told]:
+        """Take scans as they come, and give the whole history."""
+        for scan in scans:
+            self.step(scan)
+        return self.history
 
-    def _begun(
-        self, state: State, scan: Scan, free: np.ndarray, confirmed: np.ndarray
-    ) -> tuple[Mapping[str, Any], int, Any, Life]:
-        """Tracks that begin with the free plots."""
-        locate = self.detectors[scan.sensor].locate
-        assert locate is not None
-        whole = free[np.isfinite(scan.z[free]).all(1)]
-        where = locate(scan.z[whole], scan.u)
-        if self.extent > 0 and len(confirmed):
-            apart = cKDTree(confirmed[:, self.layout.position]).query(where.position)[0] > self.extent
-            where, whole = where.take(apart), whole[apart]
-        # Of plots on one spot, one begins a track.
-        cell = 3 * np.sqrt(np.einsum("kii->k", where.cov).max(initial=1e-300))
-        _, first = np.unique(np.round(where.position / cell), axis=0, return_index=True)
-        first = np.sort(first)
-        births, remembered = self.initiate(
-            Free(scan.time, where.take(first), whole[first]), state.memory.get(scan.sensor)
-        )
-        memory = {**state.memory, scan.sensor: remembered}
-        mean, cov = self.layout.priors(births, self.modes.model)
-        started = Life.begun(state.next_id, len(mean), scan.time, self.birth, births.plots)
-        return memory, state.next_id + len(mean), _Born(self.modes.start(mean, cov), births.plot), started
+    def _take(self, scan: Scan) -> Told | None:
+        latest = self.state.tracks.time
+        if latest is not None and scan.time < latest - self.window:
+            self._refused_on_end += 1
+            if self._refused_on_end < _PATIENCE:
+                self.counts["refused"] += 1
+                return None
+            self._restart()
+            latest = None
+        self._refused_on_end = 0
+        place = bisect_right(self._recent, (scan.time, scan.sensor), key=lambda e: e.key)
+        if any(_same(e.scan, scan) for e in self._recent[:place] if e.key == (scan.time, scan.sensor)):
+            self.counts["repeated"] += 1
+            return None
+        late = latest is not None and scan.time < latest
+        self.counts["late" if late else "taken"] += 1
+        again = [scan, *(e.scan for e in self._recent[place:])]
+        if place < len(self._recent):
+            self.state = self._recent[place].before
+        del self._recent[place:]
+        for one in again:
+            before = self.state
+            self.state, told = self.cycle.advance(before, one)
+            self._recent.append(_Entry(one, before, told))
+        told = self._recent[place].told
+        self._settle()
+        return told
+
+    def _settle(self) -> None:
+        """What no scan can come before any more needs no state."""
+        assert self.state.tracks.time is not None
+        until = self.state.tracks.time - self.window
+        count = next((i for i, e in enumerate(self._recent) if e.scan.time >= until), len(self._recent))
+        self._settled += [e.told for e in self._recent[:count]]
+        del self._recent[:count]
+
+    def _restart(self) -> None:
+        self.counts["restarts"] += 1
+        self._settled += [e.told for e in self._recent]
+        self._recent.clear()
+        self.state = self.cycle.begin()._replace(next_id=self.state.next_id)
 
 
-class _Born(NamedTuple):
-    beliefs: Any
-    plot: np.ndarray
+def _same(one: Scan, other: Scan) -> bool:
+    return one.z.shape == other.z.shape and np.array_equal(one.z, other.z, equal_nan=True) and len(one.z) > 0
 
 
-def _best(
-    track: np.ndarray, plot: np.ndarray, nis: np.ndarray, share: np.ndarray, count: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Whether each track most likely had a plot, which, and its NIS."""
-    order = np.argsort(share, kind="stable")
-    best = np.full(count, -1)
-    best[track[order]] = order
-    hit = np.bincount(track, share, count) > 0.5
-    place = np.where(hit, best, -1)
-    chosen = place >= 0
-    told_plot, told_nis = np.full(count, -1), np.full(count, np.nan)
-    told_plot[chosen], told_nis[chosen] = plot[place[chosen]], nis[place[chosen]]
-    return hit, told_plot, told_nis
-
-
-def cycle(filter: Filter | str, model: Model, detectors: Mapping[str, Detector] | Detector, **parts: Any) -> Cycle:
-    """A cycle of one filter on one model; the other parts as in `Cycle`."""
-    by_name = {"": detectors} if isinstance(detectors, Detector) else detectors
-    return Cycle(Modes([(filter, model)]), by_name, **parts)
-
-
-def follow(cycle: Cycle, scans: Iterable[Scan]) -> list[Told]:
-    """What each scan did, for scans in the order of time."""
-    state, told = cycle.begin(), []
-    for scan in scans:
-        state, one = cycle.advance(state, scan)
-        told.append(one)
-    return told
-
-
-def in_order(scans: Sequence[Scan]) -> list[Scan]:
+def in_order(scans: Iterable[Scan]) -> list[Scan]:
     """Scans by time; those at one time by the name of their sensor."""
     return sorted(scans, key=lambda s: (s.time, s.sensor))
