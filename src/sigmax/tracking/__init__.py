@@ -2,7 +2,7 @@
 
 from sigmax.tracking.associate import gnn, jpda, nearest, pda
 from sigmax.tracking.cycle import Cycle
-from sigmax.tracking.detector import Detector, Scan, polar, positions
+from sigmax.tracking.detector import Detector, Located, Scan, in_shadow, polar, positions
 from sigmax.tracking.health import SensorHealth, health
 from sigmax.tracking.initiate import Layout, single_plot, two_point
 from sigmax.tracking.life import by_existence, m_of_n
@@ -15,6 +15,7 @@ __all__ = [
     "Cycle",
     "Detector",
     "Layout",
+    "Located",
     "Modes",
     "Quality",
     "Scan",
@@ -27,6 +28,7 @@ __all__ = [
     "gospa",
     "health",
     "in_order",
+    "in_shadow",
     "jpda",
     "m_of_n",
     "nearest",

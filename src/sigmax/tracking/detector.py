@@ -134,3 +134,21 @@ def polar(R: Noise, *, origin: tuple[float, float] = (0.0, 0.0), from_inputs: bo
         return Located(place + z[:, :1] * away, cov, away, radial, float(variances[2]) if radial is not None else 0.0)
 
     return locate
+
+
+def in_shadow(expected: np.ndarray, width: float, behind: float) -> np.ndarray:
+    """Which targets (B,) another one hides from the platform.
+
+    Args:
+        expected: positions counted from the platform (B, 2), as `sensors.relative_position` gives them.
+        width: m; half the width of the shadow of a target, where it stands.
+        behind: m; how far behind it the shadow begins.
+    """
+    if len(expected) < 2:
+        return np.zeros(len(expected), bool)
+    distance = np.linalg.norm(expected, axis=1)
+    along = expected / np.maximum(distance, 1e-9)[:, None]
+    # Of target j as seen along the line to target i: how far along it, and how far beside it.
+    forward = along @ expected.T
+    beside = np.abs(along[:, :1] * expected[:, 1] - along[:, 1:] * expected[:, 0])
+    return ((forward > 0) & (forward < distance[:, None] - behind) & (beside < width)).any(1)
