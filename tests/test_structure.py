@@ -22,6 +22,7 @@ ORDER = [
     "filters",
     "models",
     "running",
+    "tracking",
     "records",
     "studies",
     "reports",

@@ -4,6 +4,7 @@ from sigmax.tracking.associate import gnn, jpda, nearest, pda
 from sigmax.tracking.cycle import Cycle
 from sigmax.tracking.detector import Detector, Located, Scan, in_shadow, polar, positions
 from sigmax.tracking.health import SensorHealth, health
+from sigmax.tracking.hypotheses import hypotheses
 from sigmax.tracking.initiate import Layout, single_plot, two_point
 from sigmax.tracking.life import by_existence, m_of_n
 from sigmax.tracking.metrics import Quality, Truth, gospa, ospa, quality
@@ -27,6 +28,7 @@ __all__ = [
     "gnn",
     "gospa",
     "health",
+    "hypotheses",
     "in_order",
     "in_shadow",
     "jpda",

@@ -101,10 +101,15 @@ def jpda(e: Evidence) -> Association:
     (Fortmann, Bar-Shalom and Scheffe 1983; with existence, Musicki and Evans 2004.) Exact; a cluster with too many
     joint events to count is approximated by loopy belief propagation (Williams and Lau 2014).
     """
-    share = np.zeros(len(e.track))
     gain = e.gain
-    for members in clusters(e.track, e.plot, len(e.silence), e.plots):
-        share[members] = marginals(e.track[members], e.plot[members], gain[members])
+    odds = np.exp(np.minimum(gain, 600.0))
+    share = odds / (1 + np.bincount(e.track, odds, len(e.silence)))[e.track]
+    # Tracks that share no plot are done; the others go cluster by cluster.
+    shared = np.bincount(e.plot, minlength=e.plots)[e.plot] > 1
+    joint = np.flatnonzero(np.bincount(e.track, shared, len(e.silence))[e.track] > 0)
+    for members in clusters(e.track[joint], e.plot[joint], len(e.silence), e.plots):
+        places = joint[members]
+        share[places] = marginals(e.track[places], e.plot[places], gain[places])
     return _soft(e, share)
 
 

@@ -14,7 +14,7 @@ from sigmax.tracking.detector import Detector, Scan
 from sigmax.tracking.gate import gated
 from sigmax.tracking.initiate import Free, Initiate, Layout
 from sigmax.tracking.life import Life, Rule, by_existence
-from sigmax.tracking.mixture import summed
+from sigmax.tracking.mixture import firsts, summed
 from sigmax.tracking.modes import Modes
 from sigmax.tracking.state import Gates, State, Told
 
@@ -86,11 +86,7 @@ class Cycle:
         if not np.isfinite(scan.time):
             raise InputError(f"a scan needs a time in seconds; it is {scan.time}")
         # Of plots that are the same to the last digit, one counts.
-        _, first = np.unique(z, axis=0, return_index=True, equal_nan=True) if len(z) else (None, np.empty(0, int))
-        if len(first) < len(z):
-            repeated = np.ones(len(z), bool)
-            repeated[first] = False
-            z = np.where(repeated[:, None], np.nan, z)
+        z = np.where(firsts(z)[:, None], z, np.nan)
         u = None if scan.u is None else np.asarray(scan.u, float)
         if model.sensor_inputs[scan.sensor] and (u is None or not np.isfinite(u).all()):
             raise InputError(f"the sensor {scan.sensor!r} takes inputs: Scan(…, u=) must be finite numbers; it is {u}")
@@ -184,8 +180,7 @@ class Cycle:
             where, whole = where.take(apart), whole[apart]
         # Of plots on one spot, one begins a track.
         cell = 3 * np.sqrt(np.einsum("kii->k", where.cov).max(initial=1e-300))
-        _, first = np.unique(np.round(where.position / cell), axis=0, return_index=True)
-        first = np.sort(first)
+        first = firsts(np.round(where.position / cell))
         births, remembered = self.initiate(
             Free(scan.time, where.take(first), whole[first]), state.memory.get(scan.sensor)
         )

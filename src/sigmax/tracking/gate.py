@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
 from sigmax.algebra.arrays import TWO_PI
+from sigmax.native.machine import cores
 from sigmax.tracking.detector import Scan
 from sigmax.tracking.mixture import wrapped
 from sigmax.tracking.modes import Beliefs, Corrections, Modes
@@ -73,7 +74,8 @@ def _near(centre: np.ndarray, half: np.ndarray, z: np.ndarray, angular: Sequence
     sound = np.isfinite(centre).all(1) & np.isfinite(half).all(1)
     seen = ~np.isnan(z)
     codes = []
-    for pattern in np.unique(seen, axis=0):
+    patterns = np.ones((1, z.shape[1]), bool) if seen.all() else np.unique(seen, axis=0)
+    for pattern in patterns:
         members = np.flatnonzero((seen == pattern).all(1))
         if pattern.any():
             tracks = np.flatnonzero(sound)
@@ -91,7 +93,7 @@ def _box(centre: np.ndarray, half: np.ndarray, z: np.ndarray, angular: np.ndarra
     period = np.where(angular, TWO_PI / unit, 0.0)
     tree = cKDTree(_scaled(z, unit, period), boxsize=period if angular.any() else None)
     near = tree.query_ball_point(
-        _scaled(centre, unit, period), (half / unit).max(1), p=np.inf, return_sorted=False, workers=1
+        _scaled(centre, unit, period), (half / unit).max(1), p=np.inf, return_sorted=False, workers=cores()
     )
     count = np.fromiter(map(len, near), int, len(near))
     track = np.repeat(np.arange(len(centre)), count)

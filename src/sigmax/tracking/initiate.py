@@ -60,7 +60,7 @@ def single_plot(max_speed: float) -> Initiate:
         cov = np.zeros((k, 2 * d, 2 * d))
         cov[:, :d, :d] = free.where.cov
         cov[:, d:, d:] = np.eye(d) * max_speed**2 / 3
-        return _with_doppler(Births(free.where.position, np.zeros((k, d)), cov, free.plot, 1), free.where), memory
+        return with_doppler(Births(free.where.position, np.zeros((k, d)), cov, free.plot, 1), free.where), memory
 
     return initiate
 
@@ -99,7 +99,7 @@ def two_point(max_speed: float, within: float) -> Initiate:
             cov[:, :d, d:] = cov[:, d:, :d] = C / dt
             cov[:, d:, d:] = (C + old.where.cov[i]) / dt**2
             born = Births(free.where.position[j], velocity, cov, free.plot[j], 2)
-            found.append(_with_doppler(born, free.where.take(j)))
+            found.append(with_doppler(born, free.where.take(j)))
             taken[j] = True
             left = np.ones(len(old.plot), bool)
             left[i] = False
@@ -146,8 +146,8 @@ def _agrees(velocity: np.ndarray, cov: np.ndarray, where: Located) -> np.ndarray
     return ~(miss**2 > 16 * variance)
 
 
-def _with_doppler(births: Births, where: Located) -> Births:
-    """The radial velocity taken in as a measurement of the velocity along the line of sight."""
+def with_doppler(births: Births, where: Located) -> Births:
+    """Births with the radial velocity taken in as a measurement of the velocity along the line of sight."""
     if where.radial is None or where.direction is None or not len(births.plot):
         return births
     d = births.position.shape[1]

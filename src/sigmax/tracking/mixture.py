@@ -39,6 +39,17 @@ def merged(
     return wrapped(about + shift, angular), (P + P.swapaxes(1, 2)) / 2
 
 
+def firsts(rows: np.ndarray) -> np.ndarray:
+    """Which rows (k, m) are not the same as one before, NaN being the same as NaN."""
+    same = np.nan_to_num(rows, nan=np.inf)
+    order = np.lexsort(same.T) if len(rows) else np.empty(0, int)
+    repeated = (same[order][1:] == same[order][:-1]).all(1)
+    first = np.ones(len(rows), bool)
+    # lexsort keeps the order of equals.
+    first[order[1:][repeated]] = False
+    return first
+
+
 def summed(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
     """Sums (count, …) of values (k, …) by group."""
     rest = values.shape[1:]
