@@ -141,7 +141,7 @@ def test_moments_of_mixtures_turn_with_angles():
     mean, cov = np.array([[3.1, 1.0], [-3.1, 2.0]]), np.tile(np.eye(2) * 0.01, (2, 1, 1))
     args = np.array([0.5, 0.5]), np.zeros(2, int), 1, (True, False)
     m, P = merged(mean, cov, *args)
-    turned, same = merged([*mean, 0.7, 0], cov, *args)
+    turned, same = merged(mean + np.array([0.7, 0.0]), cov, *args)
     assert abs(abs(m[0, 0]) - np.pi) < 1e-9
     np.testing.assert_allclose(P, same, atol=1e-12)
     np.testing.assert_allclose((turned[0, 0] - m[0, 0]) % (2 * np.pi), 0.7, atol=1e-12)

@@ -81,11 +81,11 @@ def test_a_track_at_birth_is_honest(name):
 
 def test_the_radial_velocity_decides_at_birth():
     state = np.array([20e3, 5e3, 100.0, -50.0])
-    other = [*state, 300, 0, -180, 120]
+    other = state + np.array([300.0, 0, -180, 120])
     c = radar_cycle()
     told = Tracker(c).run([radar_scan(0.0, state), radar_scan(4.0, other)])
     assert len(told[-1].id) == 0
-    along = [*state, 400, -200, 0, 0]
+    along = state + np.array([400.0, -200, 0, 0])
     told = Tracker(c).run([radar_scan(0.0, state), radar_scan(4.0, along)])
     assert len(told[-1].id) == 1
     e = along[:2] / np.linalg.norm(along[:2])
@@ -188,7 +188,7 @@ def test_doubled_plots_and_scans_count_once():
 def test_a_thousand_plots_on_one_spot_begin_few_tracks():
     rng = np.random.default_rng(0)
     scans, truth = world(targets=3, scans=12, clutter=1.0, seed=9)
-    spot = [s._replace(z=np.concatenate([s.z, [3000.0, 3000.0, *rng.normal(size=(1000, 2))]])) for s in scans]
+    spot = [s._replace(z=np.concatenate([s.z, 3000 + rng.normal(size=(1000, 2))])) for s in scans]
     told = Tracker(cycle()).run(spot)
     assert max(len(t.id) for t in told) < 40
     assert min(quality(told, truth, (0, 1), 50.0).held.values()) > 0.5

@@ -54,6 +54,10 @@ def own_plots(path: Path) -> PlotRecord:
 
 
 def _record(path: Path, description: PlotDescription, part: TrackingPart) -> PlotRecord:
+    if description.track is not None:
+        raise InputError(
+            f"track = {description.track!r} says whose each plot is; drop it, or [tracking] and give a [prior]"
+        )
     built = build(description, path.parent)
     check_columns(description, built)
     for name in part.sensors:
