@@ -140,6 +140,31 @@ def test_existence_alone_confirms_and_ends():
     assert len(told[-1].id) == 0
 
 
+def test_what_stands_still_or_flies_too_fast_is_no_target():
+    rng = np.random.default_rng(0)
+    paths = [np.array([[0, 0], [0, 0]]), np.array([[500, 0], [5, 0]]), np.array([[0, 900], [0, 35]])]
+    scans = [
+        Scan(2.0 * k, "", np.array([a + v * 2 * k for a, v in paths]) + NOISE * rng.standard_normal((3, 2)))
+        for k in range(20)
+    ]
+    free = Tracker(cycle(1e-3)).run(scans)[-1]
+    assert free.confirmed.sum() == 3
+    told = Tracker(cycle(1e-3, moving=(30.0, 2.0), max_speed=20.0)).run(scans)[-1]
+    assert told.confirmed.sum() == 1
+    assert np.linalg.norm(told.mean[told.confirmed][0, :2] - [500 + 5 * 38, 0]) < 20
+
+
+def test_where_a_target_has_plots_no_other_begins():
+    rng = np.random.default_rng(1)
+    scans = [
+        Scan(2.0 * k, "", np.array([[10.0 * k, 0], [10.0 * k - 25, 0]]) + rng.standard_normal((2, 2)) * 2)
+        for k in range(20)
+    ]
+    alone = [s._replace(z=s.z[:1]) if s.time < 12 else s for s in scans]
+    assert Tracker(cycle(1e-3)).run(alone)[-1].confirmed.sum() == 2
+    assert Tracker(cycle(1e-3, extent=40.0)).run(alone)[-1].confirmed.sum() == 1
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_late_scans_within_the_window_change_nothing(seed):
     scans, _ = world(targets=4, scans=20, clutter=3.0, seed=seed)

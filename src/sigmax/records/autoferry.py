@@ -150,5 +150,6 @@ def _cycle(filter: Filter, use: tuple[str, ...]) -> Cycle:
         rule=by_existence(confirm=0.99999, drop=0.02, plots=7, coast=20.0),
         birth=0.1,
         extent=15.0,
-        speeds=(0.15, 8.0),
+        max_speed=8.0,
+        moving=(15.0, 0.15),
     )

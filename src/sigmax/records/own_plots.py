@@ -149,7 +149,7 @@ def _cycle_of(built: Built, description: PlotDescription, part: TrackingPart) ->
             associate=_ASSOCIATE[part.associate],
             rule=rule,
             extent=quantity(part.extent, LENGTH, "tracking.extent"),
-            speeds=(0.0, top),
+            max_speed=top,
         )
 
     return cycle

@@ -35,9 +35,9 @@ class Cycle:
         lifetime: seconds that a target stays on average.
         merge: tracks nearer to each other than so many standard deviations are one, see `duplicates`; 0: never.
         extent: m; how far from the middle of a target its plots may lie: so near to a confirmed track no other begins.
-        speeds: m/s; a track is confirmed once it is faster than the first for certain (by two standard deviations),
-            so that what stands still is no target where the first is above 0; one that is faster than the second
-            for certain (by three) ends.
+        max_speed: m/s; a track that is faster for certain (by three standard deviations) ends.
+        moving: (m, m/s) or None; what stands still is no target: a track is confirmed once it is so far from where
+            it began, or faster than this for certain (by two standard deviations).
     """
 
     modes: Modes
@@ -51,7 +51,8 @@ class Cycle:
     lifetime: float = 1e4
     merge: float = 0.5
     extent: float = 0.0
-    speeds: tuple[float, float] = (0.0, np.inf)
+    max_speed: float = np.inf
+    moving: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         model = self.modes.model
@@ -66,7 +67,7 @@ class Cycle:
 
     def begin(self) -> State:
         """No tracks yet."""
-        return State(lives.Tracks(None, self.modes.empty(), lives.none()), 0, {})
+        return State(lives.Tracks(None, self.modes.empty(), lives.none(len(self.layout.position))), 0, {})
 
     def checked(self, scan: Scan) -> Scan:
         """The scan with its plots as numbers (k, m).
@@ -129,10 +130,11 @@ class Cycle:
         )
         confirm, drop = self.rule(scan.time, life)
         mean, cov = self.modes.moments(beliefs)
-        if self.speeds != (0.0, np.inf):
-            speed, deviation = self.layout.speed(mean, cov)
-            confirm &= (speed - 2 * deviation > self.speeds[0]) | (self.speeds[0] == 0)
-            drop |= speed - 3 * deviation > self.speeds[1]
+        speed, deviation = self.layout.speed(mean, cov)
+        drop |= speed - 3 * deviation > self.max_speed
+        if self.moving is not None:
+            way = np.linalg.norm(mean[:, self.layout.position] - life.origin, axis=1)
+            confirm &= (way > self.moving[0]) | (speed - 2 * deviation > self.moving[1])
         life = life._replace(confirmed=life.confirmed | (confirm & ~drop))
         drop |= lives.duplicates(mean, cov, self.layout.position, life, self.merge)
         ended = np.concatenate([ended, life.id[drop]])
@@ -186,7 +188,7 @@ class Cycle:
         )
         memory = {**state.memory, scan.sensor: remembered}
         mean, cov = self.layout.priors(births, self.modes.model)
-        started = Life.begun(state.next_id, len(mean), scan.time, self.birth, births.plots)
+        started = Life.begun(state.next_id, births.position, scan.time, self.birth, births.plots)
         return memory, state.next_id + len(mean), _Born(self.modes.start(mean, cov), births.plot), started
 
 

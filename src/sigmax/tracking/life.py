@@ -23,6 +23,7 @@ class Life(NamedTuple):
         confirmed: whether it has been confirmed (B,).
         history: bit k tells whether the scan k chances ago brought a plot (B,).
         chances: scans that should have seen it (B,).
+        origin: where it was first estimated to be (B, d).
     """
 
     id: np.ndarray
@@ -32,18 +33,21 @@ class Life(NamedTuple):
     confirmed: np.ndarray
     history: np.ndarray
     chances: np.ndarray
+    origin: np.ndarray
 
     @classmethod
-    def begun(cls, first_id: int, count: int, time: float, existence: np.ndarray | float, hits: int) -> "Life":
-        """The life of `count` tracks that begin with so many plots each."""
+    def begun(cls, first_id: int, origin: np.ndarray, time: float, existence: float, hits: int) -> "Life":
+        """The life of tracks that begin at positions (B, d) with so many plots each."""
+        count = len(origin)
         return cls(
             np.arange(first_id, first_id + count),
             np.full(count, time),
             np.full(count, time),
-            np.array(np.broadcast_to(existence, count), float),
+            np.full(count, existence),
             np.zeros(count, bool),
             np.full(count, (1 << hits) - 1, np.uint64),
             np.full(count, hits),
+            origin,
         )
 
     def take(self, index: np.ndarray) -> "Life":
@@ -144,9 +148,9 @@ def duplicates(mean: np.ndarray, cov: np.ndarray, position: tuple[int, ...], lif
     return again
 
 
-def none() -> Life:
-    """No tracks."""
-    return Life.begun(0, 0, 0.0, 0.0, 0)
+def none(d: int) -> Life:
+    """No tracks in d dimensions."""
+    return Life.begun(0, np.empty((0, d)), 0.0, 0.0, 0)
 
 
 def later(life: Life, dt: float, lifetime: float) -> Life:

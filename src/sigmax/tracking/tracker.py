@@ -73,12 +73,12 @@ class Tracker:
         if self._held is not None:
             held, self._held = self._held, None
             if abs(scan.time - held.time) <= self.jump:
+                self.counts["jumped"] -= 1
                 self._take(held)
-            else:
-                self.counts["jumped"] += 1
         latest = self.state.tracks.time
         if latest is not None and scan.time > latest + self.jump:
             self._held = scan
+            self.counts["jumped"] += 1
             return None
         return self._take(scan)
 
