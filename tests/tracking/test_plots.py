@@ -13,6 +13,7 @@ from sigmax.cli import app
 from sigmax.errors import InputError
 from sigmax.records import load_plots
 from sigmax.tracking import Tracker, quality
+from tests.browser import opened
 from tests.tracking.worlds import world
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "autoferry"
@@ -189,3 +190,20 @@ def test_bearings_of_the_cameras_may_be_taken_in():
     q = quality(history, record.truth, (0, 1), record.cutoff)
     assert q.switches == 0
     assert min(q.held.values()) > 0.8
+
+
+@pytest.mark.parametrize("width", [390, 1100])
+def test_the_page_draws_and_its_slider_moves(folder, width):
+    assert run("track", folder / "plots.toml", "--out", folder / "out").exit_code == 0
+    page = (folder / "out" / "report.html").read_text()
+    action = """
+      const slider = document.getElementById("moment"), map = document.getElementById("map");
+      const before = JSON.stringify(map.data.map(t => t.x));
+      slider.value = Number(slider.max); slider.dispatchEvent(new Event("input"));
+      if (!map.querySelectorAll(".trace").length) { window.problems.push("the map is empty"); }
+      if (JSON.stringify(map.data.map(t => t.x)) === before) { window.problems.push("the slider does nothing"); }
+    """
+    told = opened(page, width, folder, action)
+    assert told["problems"] == []
+    assert told["scroll"] <= told["width"]
+    assert {name for name, drawn, *_ in told["drawn"] if drawn} == {"life", "error"}

@@ -30,7 +30,7 @@ document.addEventListener("DOMContentLoaded", function () {
     });
     data.plots.forEach(function (sensor) {
       const end = last(sensor.t, t) + 1, start = last(sensor.t, t - data.memory) + 1;
-      traces.push({ type: "scattergl" in window ? "scattergl" : "scatter", mode: "markers", name: "plots of " + sensor.name, x: sensor.x.slice(start, end), y: sensor.y.slice(start, end), marker: { size: 5, color: sensor.colour, opacity: 0.6 }, hoverinfo: "name" });
+      traces.push({ type: "scatter", mode: "markers", name: "plots of " + sensor.name, x: sensor.x.slice(start, end), y: sensor.y.slice(start, end), marker: { size: 5, color: sensor.colour, opacity: 0.6 }, hoverinfo: "name" });
     });
     const ellipses = { type: "scatter", mode: "lines", name: "2σ", x: [], y: [], line: { color: "#1f2933", width: 1.2 }, hoverinfo: "skip" };
     const names = { type: "scatter", mode: "text", x: [], y: [], text: [], textposition: "top right", textfont: { size: 11, color: "#1f2933" }, showlegend: false, hoverinfo: "skip" };
