@@ -79,6 +79,14 @@ def test_a_track_at_birth_is_honest(name):
     assert 2.6 < np.mean(nees) < 5.5
 
 
+def test_two_plots_leave_what_least_squares_leave():
+    """Position and velocity through two plots: the velocity's error goes with that of the later position."""
+    told = Tracker(cycle(1e-6)).run([Scan(0.0, "", [[0.0, 0.0]]), Scan(2.0, "", [[30.0, 10.0]])])[-1]
+    A = np.kron([[1.0, 0.0], [1.0, -2.0]], np.eye(2))  # the later plot, the earlier one
+    np.testing.assert_allclose(told.mean[0], np.linalg.solve(A, [30.0, 10, 0, 0]), atol=1e-9)
+    np.testing.assert_allclose(told.cov[0], np.linalg.inv(A.T @ A) * NOISE**2, atol=1e-9)
+
+
 def test_the_radial_velocity_decides_at_birth():
     state = np.array([20e3, 5e3, 100.0, -50.0])
     other = state + np.array([300.0, 0, -180, 120])
