@@ -23,6 +23,7 @@ ORDER = [
     "filters",
     "models",
     "running",
+    "tracking",
     "records",
     "studies",
     "reports",

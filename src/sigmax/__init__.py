@@ -47,10 +47,10 @@ _HOME = {
     "sigmax.running.explain": ("explain",),
 }
 _WHERE = {name: module for module, names in _HOME.items() for name in names}
-_MODULES = ("forms", "records", "reports", "rules")
+_MODULES = ("forms", "records", "reports", "rules", "tracking")
 
 if TYPE_CHECKING:
-    from sigmax import forms, records, reports, rules
+    from sigmax import forms, records, reports, rules, tracking
     from sigmax.algebra.arrays import wrap
     from sigmax.errors import InputError
     from sigmax.export import export_c
@@ -122,6 +122,7 @@ __all__ = [
     "sensors",
     "sigma_set",
     "smooth",
+    "tracking",
     "undisturbed",
     "with_derivatives",
     "wrap",

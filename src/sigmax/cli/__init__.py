@@ -26,7 +26,8 @@ def track_command(
     record: Annotated[
         str,
         typer.Argument(
-            help="A built-in record (see: sigmax records) or a TOML file that describes your data.", show_default=False
+            help="A built-in record (see: sigmax records), a TOML file that describes your data, or autoferry:N.",
+            show_default=False,
         ),
     ],
     filter: Annotated[
@@ -47,17 +48,22 @@ def track_command(
             show_default=False,
         ),
     ] = None,
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", help="Folder of a data set that does not come along: autoferry.", show_default=False),
+    ] = None,
 ) -> None:
     """Track a record with one or several filters and write estimates, summary and report.
 
-    Leaves estimates.parquet, summary.json and report.html in the folder.
+    Leaves estimates.parquet, summary.json and report.html in the folder; for plots without identities (a TOML
+    file with a table [tracking], or autoferry:N) tracks.parquet instead of the first.
 
     Example: sigmax track plaza1 --filter EKF --filter SRUKFB:alpha=0.45,beta=2,kappa=-2 --out runs/try
     """
     from sigmax.cli.track import track_record
 
     try:
-        track_record(record, filter or [], out)
+        track_record(record, filter or [], out, data)
     except KeyboardInterrupt:
         print("sigmax: interrupted; nothing was written", file=sys.stderr)
         raise typer.Exit(130) from None

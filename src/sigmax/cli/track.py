@@ -11,14 +11,15 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from sigmax.records import Outcome, Record, check, load, parse_trial, track
+from sigmax.cli.plots import track_plots
+from sigmax.records import Outcome, Record, check, load, load_plots, parse_trial, track
 from sigmax.reports import Grade, Score, check_folder, grade, score, verdict, write
 from sigmax.reports.verdict import nis_in_words, significant
 
 _COLOUR = {Grade.CONSISTENT: "green", Grade.NEAR: "yellow"}
 
 
-def track_record(name: str | Record, filters: Sequence[str], out: Path | None) -> None:
+def track_record(name: str | Record, filters: Sequence[str], out: Path | None, data: Path | None = None) -> None:
     """Load, check, run, write and print.
 
     Raises:
@@ -27,6 +28,11 @@ def track_record(name: str | Record, filters: Sequence[str], out: Path | None) -
     """
     console, errors = Console(), Console(stderr=True)
     trials = tuple(dict.fromkeys(parse_trial(text) for text in filters))
+    with errors.status("reading the record"):
+        plots = load_plots(name, data) if isinstance(name, str) else None
+    if plots is not None:
+        track_plots(plots, filters, out)
+        return
     with errors.status("reading the record"):
         record = load(name) if isinstance(name, str) else name
         trials = trials or record.trials

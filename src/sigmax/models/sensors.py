@@ -27,6 +27,16 @@ def position(at: Sequence[int] = (0, 1), names: Sequence[str] = ("x", "y")) -> S
 
 
 @made_once
+def relative_position(at: Sequence[int] = (0, 1), names: Sequence[str] = ("x", "y")) -> Sensor:
+    """Position seen from a platform that moves but keeps its axes; where the platform is are the inputs."""
+
+    def function(x: jax.Array, u: jax.Array) -> jax.Array:
+        return jnp.stack([x[i] - u[k] for k, i in enumerate(at)])
+
+    return Sensor(function, tuple(names), tuple(f"platform_{name}" for name in names))
+
+
+@made_once
 def range_only(at: Sequence[int] = (0, 1), origin: Sequence[float] | None = None, scale: int | None = None) -> Sensor:
     """Distance to a fixed origin, or to a beacon whose position is the input u (k,).
 

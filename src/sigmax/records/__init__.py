@@ -1,8 +1,22 @@
 """Records: real measurements with the model for them, built in or the user's own."""
 
 from sigmax.records.find_model import find_model
-from sigmax.records.load import builtin, load
+from sigmax.records.load import builtin, load, load_plots
+from sigmax.records.plots import PlotRecord
 from sigmax.records.record import Backdrop, Record, Trial, parse_trial
 from sigmax.records.tracking import Outcome, check, track
 
-__all__ = ["Backdrop", "Outcome", "Record", "Trial", "builtin", "check", "find_model", "load", "parse_trial", "track"]
+__all__ = [
+    "Backdrop",
+    "Outcome",
+    "PlotRecord",
+    "Record",
+    "Trial",
+    "builtin",
+    "check",
+    "find_model",
+    "load",
+    "load_plots",
+    "parse_trial",
+    "track",
+]

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sigmax.errors import InputError, unknown
+from sigmax.records.plot_description import describes_plots
+from sigmax.records.plots import PlotRecord
 from sigmax.records.record import Record
 
 
@@ -37,6 +39,26 @@ def builtin() -> dict[str, Builtin]:
     plazas = {f"plaza{run}": Builtin(_plaza(run), f"{about}, run {run}") for run in (1, 2)}
     flight = "terrain-aided navigation over the Jacksboro fault: real heights, a simulated flight (extra: terrain)"
     return plazas | {"jacksboro": Builtin(_jacksboro, flight)}
+
+
+def load_plots(name: str, folder: Path | None = None) -> PlotRecord | None:
+    """A record of plots, "autoferry:N" with the folder of the data set, or a TOML file with a table [tracking].
+
+    None for anything else.
+
+    Raises:
+        InputError: for whatever is missing or does not fit, before any long work.
+    """
+    if name.casefold().startswith("autoferry"):
+        from sigmax.records.autoferry import autoferry
+
+        return autoferry(name.partition(":")[2], folder)
+    path = Path(name)
+    if path.suffix.casefold() == ".toml" and describes_plots(path):
+        from sigmax.records.own_plots import own_plots
+
+        return own_plots(path)
+    return None
 
 
 def load(name: str) -> Record:

@@ -1,5 +1,6 @@
 """A user's own record: a table and the TOML that describes it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,11 +36,11 @@ def own(path: Path) -> Record:
 def _record(path: Path, description: Description) -> Record:
     trials = tuple(dict.fromkeys(parse_trial(text) for text in description.filters))
     built = build(description, path.parent)
-    _check_columns(description, built)
+    check_columns(description, built)
     table = read_table(path.parent / description.data)
-    time, epoch = _times(table, description.time)
+    time, epoch = instants(table, description.time)
     names, rows = _tracks(table, description.track, time)
-    measured = {sensor: _columns(table, _measured(description, built, sensor)) for sensor in built.sensings}
+    measured = {sensor: columns(table, measured_columns(description, built, sensor)) for sensor in built.sensings}
     inputs = _inputs(table, built, measured, rows)
     truth = np.full((len(table), built.model.size), np.nan)
     for name, column in description.truth.items():
@@ -85,8 +86,12 @@ def _record(path: Path, description: Description) -> Record:
     )
 
 
-def _check_columns(description: Description, built: Built) -> None:
-    """What can be refused before the table is read."""
+def check_columns(description: Description, built: Built) -> None:
+    """What can be refused before the table is read.
+
+    Raises:
+        InputError: for columns that are missing, too many, or of a unit that does not fit.
+    """
     for sensor, sensing in built.sensings.items():
         given = description.sensors[sensor].columns
         for name in given:
@@ -106,13 +111,15 @@ def _check_columns(description: Description, built: Built) -> None:
     to_si(description.time.unit, TIME, "time")
 
 
-def _measured(description: Description, built: Built, sensor: str) -> list[tuple[Column, Dimension | None, str]]:
+def measured_columns(description: Description, built: Built, sensor: str) -> list[tuple[Column, Dimension | None, str]]:
+    """What a sensor measures: column, dimension, and where it is said."""
     given = description.sensors[sensor].columns
     dimensions = built.sensings[sensor].dimensions
     return [(given[name], dimension, f"sensors.{sensor}.columns.{name}") for name, dimension in dimensions.items()]
 
 
-def _columns(table: Table, wanted: list[tuple[Column, Dimension | None, str]]) -> np.ndarray:
+def columns(table: Table, wanted: Sequence[tuple[Column, Dimension | None, str]]) -> np.ndarray:
+    """Columns in SI (rows, k)."""
     return np.column_stack([_column(table, *one) for one in wanted])
 
 
@@ -124,7 +131,8 @@ def _column(table: Table, column: Column, dimension: Dimension | None, where: st
     return table.numbers(column.column) * factor
 
 
-def _times(table: Table, column: Column) -> tuple[np.ndarray, pd.Timestamp | None]:
+def instants(table: Table, column: Column) -> tuple[np.ndarray, pd.Timestamp | None]:
+    """Times in seconds, and the instant of 0 where they are timestamps."""
     time, epoch = table.times(column.column)
     if epoch is not None:
         if column.unit.strip():
@@ -164,7 +172,7 @@ def _inputs(table: Table, built: Built, measured: dict[str, np.ndarray], rows: l
     """All inputs (rows, k). An empty one holds the value before it; a sensor's may miss where it measured nothing."""
     if not built.inputs:
         return None
-    values = _columns(table, [(i.column, i.dimension, i.where) for i in built.inputs])
+    values = columns(table, [(i.column, i.dimension, i.where) for i in built.inputs])
     for k, item in enumerate(built.inputs):
         for r in rows:
             held = pd.Series(values[r, k]).ffill().to_numpy()

@@ -37,6 +37,7 @@ class Sensing(NamedTuple):
 
 _OPTIONS = {
     "position": {"at"},
+    "relative_position": {"at"},
     "range_only": {"at", "origin", "scale"},
     "bearing": {"at", "origin"},
     "camera_bearing": {"at"},
@@ -75,7 +76,7 @@ def read_sensor(
         elif part.kind in ("bearing", "range_azimuth") or (part.kind == "range_only" and not part.inputs):
             origin = (0.0,) * len(at)
         made = _builtin(part, where, at, origin, state)
-        names = dict(zip(made.measurement, [state[i] for i in at], strict=True)) if part.kind == "position" else {}
+        names = dict(zip(made.measurement, [state[i] for i in at], strict=True)) if "position" in part.kind else {}
         dimensions = {name: LENGTH if names else _MEASURED[name] for name in made.measurement}
         inputs = {name: ANGLE if "heading" in name else LENGTH for name in made.inputs}
     R = read_noise(part.noise, dimensions, f"{where}.noise", functions)
@@ -94,6 +95,8 @@ def _builtin(
 ) -> Sensor:
     if part.kind == "position":
         return sensors.position(at, [state[i] for i in at])
+    if part.kind == "relative_position":
+        return sensors.relative_position(at, [state[i] for i in at])
     if part.kind == "range_only":
         scale = None if part.scale is None else _places([part.scale], state, f"{where}.scale")[0]
         return sensors.range_only(at, origin, scale)

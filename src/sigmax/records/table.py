@@ -1,6 +1,7 @@
 """Reading CSV and Parquet: columns as numbers, times and names, with errors that quote row and value."""
 
 import csv
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,13 @@ class Table:
         path: the file.
         columns: by name, as pandas holds them; those of a CSV file are text.
         first_row: the number by which a reader finds the first row of data: 2 below a header line.
+        ragged: rows of another length that were left out, quoted.
     """
 
     path: Path
     columns: pd.DataFrame
     first_row: int
+    ragged: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.columns)
@@ -51,21 +54,42 @@ class Table:
         Raises:
             InputError: for text where a number belongs and for infinities, with row and value.
         """
+        values, wrong = self._parsed(name)
+        self._refuse(name, wrong, "where a number belongs; correct it, or leave it empty if it is missing")
+        self._refuse(name, np.isinf(values), "which is not finite; leave it empty if it is missing")
+        return values
+
+    def _parsed(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Floats, NaN where there is none, and where text stands in the place of a number."""
         series = self.column(name)
         if pd.api.types.is_bool_dtype(series) or not (
             pd.api.types.is_numeric_dtype(series) or pd.api.types.is_string_dtype(series) or series.dtype == object
         ):
             raise InputError(f"{self.path.name}: column {name!r} holds {series.dtype}, numbers belong there")
         if pd.api.types.is_numeric_dtype(series):
-            values = series.to_numpy(float, na_value=np.nan)
+            return series.to_numpy(float, na_value=np.nan), np.zeros(len(series), bool)
+        stripped = series.astype("string").str.strip()
+        values = pd.to_numeric(stripped, errors="coerce").to_numpy(float, na_value=np.nan)
+        return values, np.isnan(values) & ~(stripped.isna() | stripped.str.casefold().isin(_EMPTY)).to_numpy(bool)
+
+    def readable(self, numbers: Collection[str], time: str) -> tuple["Table", tuple[str, ...]]:
+        """The rows whose numbers and time can be read, and the others quoted.
+
+        Raises:
+            InputError: where there is no such column.
+        """
+        wrong = np.zeros(len(self), bool)
+        for name in numbers:
+            values, text = self._parsed(name)
+            wrong |= text | np.isinf(values)
+        series = self.column(time)
+        as_number = pd.to_numeric(series, errors="coerce") if not pd.api.types.is_datetime64_any_dtype(series) else None
+        if as_number is not None and as_number.notna().any():
+            wrong |= ~np.isfinite(as_number.to_numpy(float, na_value=np.nan))
         else:
-            stripped = series.astype("string").str.strip()
-            parsed = pd.to_numeric(stripped, errors="coerce")
-            values = parsed.to_numpy(float, na_value=np.nan)
-            wrong = np.isnan(values) & ~(stripped.isna() | stripped.str.casefold().isin(_EMPTY)).to_numpy(bool)
-            self._refuse(name, wrong, "where a number belongs; correct it, or leave it empty if it is missing")
-        self._refuse(name, np.isinf(values), "which is not finite; leave it empty if it is missing")
-        return values
+            wrong |= pd.to_datetime(series, errors="coerce", utc=True, format="ISO8601").isna().to_numpy(bool)
+        shown = [f"row {self.row(int(i))}: {','.join(map(str, self.columns.iloc[i]))}" for i in np.flatnonzero(wrong)]
+        return Table(self.path, self.columns[~wrong].reset_index(drop=True), self.first_row), (*self.ragged, *shown)
 
     def times(self, name: str) -> tuple[np.ndarray, pd.Timestamp | None]:
         """A column as numbers as they stand and None; or of ISO timestamps, as seconds since the first, and that.
@@ -101,8 +125,8 @@ class Table:
             raise InputError(f"{self.path.name}, row {self.row(index)}: column {name!r} has {shown} {why}{more}")
 
 
-def read_table(path: Path) -> Table:
-    """A .csv file (with a header line) or a .parquet file.
+def read_table(path: Path, *, lenient: bool = False) -> Table:
+    """A .csv file (with a header line) or a .parquet file; `lenient` leaves out rows of another length.
 
     Raises:
         InputError: for a file that is missing, empty, cut off, or otherwise unreadable.
@@ -119,7 +143,7 @@ def read_table(path: Path) -> Table:
             f"there is no file {path}" + (f"; beside it lie {', '.join(sorted(beside))}" if beside else "")
         )
     try:
-        table = reader(path)
+        table = reader(path, lenient)
     except OSError as error:
         raise InputError(f"{path.name} cannot be read: {error}") from error
     if not len(table):
@@ -127,7 +151,7 @@ def read_table(path: Path) -> Table:
     return table
 
 
-def _read_csv(path: Path) -> Table:
+def _read_csv(path: Path, lenient: bool) -> Table:
     import pyarrow as pa
     from pyarrow import csv as reader
 
@@ -143,12 +167,18 @@ def _read_csv(path: Path) -> Table:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"{path.name} has two columns {twice!r}; give each a name of its own")
+    ragged: list[str] = []
+
+    def left_out(row: Any) -> str:
+        ragged.append(f"row of {row.actual_columns} columns: {row.text}")
+        return "skip"
+
     try:
         # Text throughout: what is a number is decided where the row can be quoted.
         read = reader.read_csv(
             path,
             read_options=reader.ReadOptions(column_names=names, skip_rows=1, use_threads=False),
-            parse_options=reader.ParseOptions(delimiter=delimiter),
+            parse_options=reader.ParseOptions(delimiter=delimiter, invalid_row_handler=left_out if lenient else None),
             convert_options=reader.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
         )
     except pa.ArrowInvalid as error:
@@ -158,10 +188,10 @@ def _read_csv(path: Path) -> Table:
         raise InputError(
             f"{path.name} is ragged or cut off: {reason}; every row needs the {len(names)} columns of the header"
         ) from error
-    return Table(path, read.to_pandas(), first_row=2)
+    return Table(path, read.to_pandas(), 2, tuple(ragged))
 
 
-def _read_parquet(path: Path) -> Table:
+def _read_parquet(path: Path, lenient: bool) -> Table:
     import pyarrow as pa
     from pyarrow import parquet
 

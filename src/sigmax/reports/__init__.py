@@ -1,7 +1,9 @@
 """Reports: scores, a verdict in words, and the folder with estimates, summary and page."""
 
 from sigmax.reports.folder import check_folder, write
+from sigmax.reports.followed import Followed
 from sigmax.reports.score import Score, score
+from sigmax.reports.tracks_folder import write_tracks
 from sigmax.reports.verdict import Grade, grade, verdict
 
-__all__ = ["Grade", "Score", "check_folder", "grade", "score", "verdict", "write"]
+__all__ = ["Followed", "Grade", "Score", "check_folder", "grade", "score", "verdict", "write", "write_tracks"]

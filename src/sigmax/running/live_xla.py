@@ -30,13 +30,13 @@ class XlaState:
         self.fault: Any = np.zeros(belief.mean.shape[1:], np.int8)
         # Flattened once: the model is the same in every call, and walking it would cost more than the step.
         self._leaves, structure = jax.tree.flatten(model)
-        self._predict, self._update, self._step = _compiled(filter, structure)
+        self._predict, self._update, self._step = half_steps(filter, structure)
 
     @classmethod
     def of_prior(cls, filter: Filter, model: Model, mean: np.ndarray, cov: np.ndarray) -> "XlaState":
         """The state of a prior (n,) or (B, n), with a covariance for all or one for each."""
         cov = np.broadcast_to(cov, (*mean.shape, mean.shape[-1]))
-        return cls(filter, model, _started(filter, batch_last(mean, 1), batch_last(cov, 2)))
+        return cls(filter, model, begun(filter, batch_last(mean, 1), batch_last(cov, 2)))
 
     def read_mean(self) -> np.ndarray:
         """(n,) or (B, n)."""
@@ -82,12 +82,13 @@ class XlaState:
 
 
 @partial(jax.jit, static_argnums=0)
-def _started(filter: Filter, mean: Any, cov: Any) -> Belief:
+def begun(filter: Filter, mean: Any, cov: Any) -> Belief:
+    """The belief of a prior (n,) and (n, n), or batch last."""
     return begin(filter, mean, cholesky(cov)[0])
 
 
 @lru_cache(maxsize=128)
-def _compiled(filter: Filter, structure: Any) -> tuple[Any, Any, Any]:
+def half_steps(filter: Filter, structure: Any) -> tuple[Any, Any, Any]:
     """The compiled half-steps and the whole step of a filter on models of one structure."""
 
     def move(leaves: Any, belief: Belief, dt: Any, u: Any) -> tuple[Belief, Any]:

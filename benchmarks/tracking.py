@@ -1,0 +1,190 @@
+"""Plots to tracks: autoferry beside a nearest-neighbour EKF and Stone Soup's JPDA; scale; real aircraft and ships.
+
+python benchmarks/tracking.py autoferry --data ../shared/data/autoferry
+python benchmarks/tracking.py scale
+python benchmarks/tracking.py aircraft --data ../shared/data/adsb_traffic
+python benchmarks/tracking.py ais --data ../shared/data/stonesoup
+"""
+
+import argparse
+import dataclasses
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+import sigmax
+from contenders import tracks_stonesoup as stone_soup
+from realtracks import aircraft, ships
+from sigmax.models import Model, motions, sensors
+from sigmax.records.autoferry import autoferry
+from sigmax.records.plots import PlotRecord
+from sigmax.tracking import (
+    Cycle,
+    Detector,
+    Modes,
+    Quality,
+    Scan,
+    Told,
+    Tracker,
+    gnn,
+    jpda,
+    m_of_n,
+    nearest,
+    polar,
+    quality,
+    two_point,
+)
+
+SCENARIOS = ("2", "3", "4", "5", "6", "17")
+
+
+def ours(record: PlotRecord) -> list[Told]:
+    cycle = record.cycle(sigmax.get(record.filter))
+    return Tracker(cycle, window=record.window).run(record.scans)
+
+
+def plain(record: PlotRecord) -> list[Told]:
+    """A CV-EKF whose tracks take their nearest plot: m of n, no shadows, no extent, no speeds."""
+    cycle = record.cycle(sigmax.get("EKF"))
+    detectors = {
+        s: dataclasses.replace(d, detection=0.9 if s == "radar" else 0.6, clutter=1e-5)
+        for s, d in cycle.detectors.items()
+    }
+    cycle = dataclasses.replace(
+        cycle,
+        detectors=detectors,
+        associate=nearest,
+        rule=m_of_n(3, 5, 5),
+        extent=0.0,
+        merge=0.0,
+        max_speed=np.inf,
+        moving=None,
+    )
+    return Tracker(cycle).run(record.scans)
+
+
+def autoferry_table(folder: Path) -> None:
+    contenders: dict[str, Callable[[PlotRecord], list[Told]]] = {
+        "sigmax JPDA": ours,
+        "sigmax GNN": lambda r: Tracker(
+            dataclasses.replace(r.cycle(sigmax.get(r.filter)), associate=gnn), window=r.window
+        ).run(r.scans),
+        "nearest-neighbour EKF": plain,
+        "Stone Soup JPDA": stone_soup.jpda,
+    }
+    print("| tracker | scenario | RMSE, m | held | breaks | switches | false / min | GOSPA, m | CPU ms / scan |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for name, run in contenders.items():
+        found: list[Quality] = []
+        for scenario in SCENARIOS:
+            record = autoferry(scenario, folder)
+            started = time.process_time()
+            history = run(record)
+            took = 1e3 * (time.process_time() - started) / len(record.scans)
+            q = quality(history, record.truth, (0, 1), record.cutoff)
+            found.append(q)
+            rmse = ", ".join(f"{v:.1f}" for v in q.rmse.values())
+            held = ", ".join(f"{v:.0%}" for v in q.held.values())
+            print(
+                f"| {name} | {scenario} | {rmse} | {held} | {q.breaks} | {q.switches} | {q.false_per_minute:.2f} "
+                f"| {q.gospa:.1f} | {took:.1f} |",
+                flush=True,
+            )
+        rmse = [v for q in found for v in q.rmse.values()]
+        held = np.mean([v for q in found for v in q.held.values()])
+        missing = f" ({int(np.isnan(rmse).sum())} never held)" if np.isnan(rmse).any() else ""
+        print(
+            f"| {name} | **all** | **{np.nanmean(rmse):.2f}**{missing} | {held:.0%} | {sum(q.breaks for q in found)} "
+            f"| {sum(q.switches for q in found)} | {np.mean([q.false_per_minute for q in found]):.2f} "
+            f"(worst {max(q.false_per_minute for q in found):.2f}) | {np.mean([q.gospa for q in found]):.1f} | |",
+            flush=True,
+        )
+
+
+def radar() -> Model:
+    """50 m, 0.1°, 1 m/s."""
+    cv = motions.constant_velocity(("north", "east"))
+    seen = sensors.range_azimuth(velocity=(2, 3))
+    return Model(motion=cv, sensor=seen, Q=cv.noise(1.0), R=[50.0**2, np.radians(0.1) ** 2, 1.0])
+
+
+def sky(n: int, scans: int, rng: np.random.Generator, size: float = 200e3) -> Iterator[tuple[Scan, np.ndarray]]:
+    """Straight flights at 100 to 250 m/s over 400 km by 400 km, seen every 4 s with 0.9, and n / 10 false plots."""
+    x = rng.uniform(-size, size, (n, 2))
+    v = rng.normal(size=(n, 2))
+    v *= (rng.uniform(100, 250, n) / np.linalg.norm(v, axis=1))[:, None]
+    for k in range(scans):
+        x = x + 4 * v
+        r = np.hypot(*x.T)
+        seen = rng.random(n) < 0.9
+        z = np.stack([r, np.arctan2(x[:, 1], x[:, 0]), (x * v).sum(1) / r], 1)[seen]
+        z += rng.normal(size=z.shape) * [50, np.radians(0.1), 1]
+        c = rng.poisson(n / 10)
+        false = np.stack(
+            [np.sqrt(rng.random(c)) * size * 1.4, rng.uniform(-np.pi, np.pi, c), 100 * rng.normal(size=c)], 1
+        )
+        yield Scan(4.0 * (k + 1), "", rng.permutation(np.concatenate([z, false]))), x
+
+
+def scale_table() -> None:
+    model = radar()
+    print("| tracker | aircraft | CPU ms / scan, median of 10 | worst | held | grows with |")
+    print("|---|---|---|---|---|---|")
+    for name, associate in (("sigmax GNN", gnn), ("sigmax JPDA", jpda)):
+        before = None
+        for n in (100, 1000, 10000):
+            detector = Detector(0.9, n / 10 / (2 * np.pi * 280e3 * 400), polar(model.R[""]))
+            modes = Modes([("EKF", model)])
+            cycle = Cycle(
+                modes, {"": detector}, two_point(300.0, 9.0), associate=associate, rule=m_of_n(3, 5, 4), max_speed=350.0
+            )
+            tracker, took = Tracker(cycle), []
+            # Compiled before.
+            Tracker(cycle).run([s for s, _ in sky(20, 4, np.random.default_rng(0))])
+            world = list(sky(n, 15, np.random.default_rng(1)))
+            for scan, _ in world:
+                started = time.process_time()
+                told = tracker.step(scan)
+                took.append(1e3 * (time.process_time() - started))
+            assert told is not None
+            row(name, n, took[5:], told.mean[told.confirmed][:, :2], world[-1][1], before)
+            before = n, float(np.median(took[5:]))
+    before = None
+    for n in (30, 100, 300):
+        took, place, x = stone_soup.scale(n, list(sky(n, 12, np.random.default_rng(1))))
+        row("Stone Soup GNN, EKF, no radial velocity", n, took[5:], place, x, before)
+        before = n, float(np.median(took[5:]))
+
+
+def row(
+    name: str, n: int, took: list[float], place: np.ndarray, x: np.ndarray, before: tuple[int, float] | None
+) -> None:
+    from scipy.spatial import cKDTree
+
+    held = (cKDTree(place).query(x)[0] < 1000).mean() if len(place) else 0.0
+    median = float(np.median(took))
+    grows = "" if before is None else f"n^{np.log(median / before[1]) / np.log(n / before[0]):.2f}"
+    print(f"| {name} | {n} | {median:.1f} | {max(took):.1f} | {held:.1%} | {grows} |", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("autoferry", "scale", "aircraft", "ais"))
+    parser.add_argument("--data", type=Path, help="folder of the data set")
+    given = parser.parse_args()
+    if given.what == "scale":
+        scale_table()
+    elif given.data is None:
+        parser.error(f"{given.what} needs --data FOLDER")
+    elif given.what == "autoferry":
+        autoferry_table(given.data)
+    elif given.what == "aircraft":
+        aircraft(given.data)
+    else:
+        ships(given.data)
+
+
+if __name__ == "__main__":
+    main()

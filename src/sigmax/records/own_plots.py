@@ -1,0 +1,235 @@
+"""A user's own plots: a table of plots without identities, and the TOML that describes it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from sigmax.errors import InputError, unknown
+from sigmax.filters import Filter
+from sigmax.records.description import read_toml
+from sigmax.records.model import Built, build
+from sigmax.records.own import check_columns, columns, instants, measured_columns
+from sigmax.records.plot_description import DetectionPart, PlotDescription, TrackingPart
+from sigmax.records.plots import PlotRecord
+from sigmax.records.record import parse_trial
+from sigmax.records.sensor import Sensing, first_position
+from sigmax.records.table import read_table
+from sigmax.records.units import LENGTH, SPEED, TIME, quantity
+from sigmax.tracking import (
+    Cycle,
+    Detector,
+    Layout,
+    Located,
+    Modes,
+    Scan,
+    Truth,
+    by_existence,
+    gnn,
+    jpda,
+    m_of_n,
+    nearest,
+    pda,
+    two_point,
+)
+from sigmax.tracking.detector import Locate, covariance_of
+
+_ASSOCIATE = {"gnn": gnn, "jpda": jpda, "pda": pda, "nearest": nearest}
+# Rows that cannot be read are quoted up to so many.
+_QUOTED = 20
+
+
+def own_plots(path: Path) -> PlotRecord:
+    """The plots that a TOML file describes.
+
+    Raises:
+        InputError: for whatever does not fit, in the description or the data.
+    """
+    description = read_toml(path, PlotDescription)
+    try:
+        return _record(path, description, description.tracking)
+    except InputError as error:
+        raise InputError(f"{path.name}: {error}") from error
+
+
+def _record(path: Path, description: PlotDescription, part: TrackingPart) -> PlotRecord:
+    if description.track is not None:
+        raise InputError(
+            f"track = {description.track!r} says whose each plot is; drop it, or [tracking] and give a [prior]"
+        )
+    built = build(description, path.parent)
+    check_columns(description, built)
+    for name in part.sensors:
+        if name not in built.sensings:
+            raise InputError(f"tracking.sensors: {unknown('sensor', name, built.sensings)}")
+    missing = [name for name in built.sensings if name not in part.sensors]
+    if missing:
+        raise InputError(f"tracking.sensors needs detection and clutter of {missing[0]!r}")
+    whole = read_table(path.parent / description.data, lenient=True)
+    wanted = {name: measured_columns(description, built, name) for name in built.sensings}
+    used = {column.column for one in wanted.values() for column, _, _ in one}
+    used |= {item.column.column for item in built.inputs}
+    table, skipped = whole.readable(used, description.time.column)
+    if not len(table):
+        raise InputError(f"no row of {table.path.name} can be read; the first is {skipped[0]}")
+    time, epoch = instants(table, description.time)
+    inputs = columns(table, [(i.column, i.dimension, i.where) for i in built.inputs]) if built.inputs else None
+    scans: list[Scan] = []
+    for name, one in wanted.items():
+        scans += _scans(name, part.sensors[name], time, columns(table, one), inputs)
+    made = _cycle_of(built, description, part)
+    made(parse_trial(description.filters[0]).filter)
+    more = f" and {len(skipped) - _QUOTED} more" if len(skipped) > _QUOTED else ""
+    return PlotRecord(
+        name=path.stem,
+        title=description.title or path.stem,
+        scans=tuple(sorted(scans, key=lambda s: (s.time, s.sensor))),
+        cycle=made,
+        filter=description.filters[0],
+        window=quantity(part.late, TIME, "tracking.late"),
+        truth=_truth(path.parent, description, part, built, epoch),
+        cutoff=_cutoff(part, built),
+        dimensions=built.dimensions,
+        epoch=epoch,
+        skipped=(*skipped[:_QUOTED], *([more.strip()] if more else [])),
+        source=description.source or description.data,
+        licence=description.licence,
+    )
+
+
+def _scans(name: str, part: DetectionPart, time: np.ndarray, z: np.ndarray, inputs: np.ndarray | None) -> list[Scan]:
+    """Rows of a sensor that belong together: of one time, or of one period of a sensor that turns."""
+    rows = np.flatnonzero(~np.isnan(z).all(1))
+    if not len(rows):
+        return []
+    period = None if part.scan is None else quantity(part.scan, TIME, f"tracking.sensors.{name}.scan")
+    if period is not None and not period > 0:
+        raise InputError(f"tracking.sensors.{name}.scan must be a period above 0; it is {part.scan!r}")
+    key = time[rows] if period is None else np.floor((time[rows] - time[rows].min()) / period)
+    _, group = np.unique(key, return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    parts = np.split(rows[order], np.flatnonzero(np.diff(group[order])) + 1)
+    return [
+        Scan(float(np.mean(time[r])), name, z[r], None if inputs is None else np.nan_to_num(inputs[r[0]]))
+        for r in parts
+    ]
+
+
+def _cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> Callable[[Filter], Cycle]:
+    top = quantity(part.max_speed, SPEED, "tracking.max_speed")
+    if part.associate not in _ASSOCIATE:
+        raise InputError(f"tracking.associate: {unknown('rule', part.associate, _ASSOCIATE)}")
+    state = [str(name) for name in built.model.state]
+    names = [state[i] for i in built.position]
+    layout = _layout(built, description, state, names)
+    periods = [quantity(s.scan, TIME, "scan") for s in part.sensors.values() if s.scan is not None]
+    within = (
+        quantity(part.within, TIME, "tracking.within") if part.within is not None else 3 * max(periods, default=4.0)
+    )
+    coast = np.inf if part.coast is None else quantity(part.coast, TIME, "tracking.coast")
+    if part.confirm is not None and len(part.confirm) != 2:
+        raise InputError(f"tracking.confirm is [m, n]: m plots of n chances; it is {part.confirm}")
+    rule = by_existence(coast=coast) if part.confirm is None else m_of_n(part.confirm[0], part.confirm[1], coast=coast)
+    detectors = {}
+    for name, sensing in built.sensings.items():
+        own = [k for k, item in enumerate(built.inputs) if item.sensor == name]
+        detectors[name] = Detector(part.sensors[name].detection, part.sensors[name].clutter, _locate(sensing, own))
+    if not any(d.locate is not None for d in detectors.values()):
+        raise InputError(
+            "no sensor can begin tracks: one of the kind position, relative_position or range_azimuth is needed"
+        )
+
+    def cycle(filter: Filter) -> Cycle:
+        return Cycle(
+            Modes([(filter, built.model)]),
+            detectors,
+            two_point(top, within),
+            layout=layout,
+            associate=_ASSOCIATE[part.associate],
+            rule=rule,
+            extent=quantity(part.extent, LENGTH, "tracking.extent"),
+            max_speed=top,
+        )
+
+    return cycle
+
+
+def _layout(built: Built, description: PlotDescription, state: list[str], names: list[str]) -> Layout:
+    velocity = [f"v{name}" for name in names]
+    polar = ["speed", "course"]
+    if not all(v in state for v in velocity) and not (len(names) == 2 and all(p in state for p in polar)):
+        raise InputError(f"tracks need a state with {', '.join(velocity)}, or with speed and course; it has {state}")
+    cartesian = all(v in state for v in velocity)
+    known = [*names, *(velocity if cartesian else polar)]
+    rest = {}
+    for i, name in enumerate(state):
+        if name not in known:
+            given = description.prior.get(name)
+            if not isinstance(given, dict) or set(given) != {"mean", "std"}:
+                raise InputError(f"prior.{name} = {{ mean = …, std = … }} is needed for new tracks")
+            at = f"prior.{name}"
+            rest[name] = (
+                quantity(given["mean"], built.dimensions[i], at),
+                quantity(given["std"], built.dimensions[i], at),
+            )
+    places = tuple(state.index(v) for v in velocity) if cartesian else None
+    return Layout(built.position, places, None if cartesian else (state.index("speed"), state.index("course")), rest)
+
+
+def _locate(sensing: Sensing, inputs: list[int]) -> Locate | None:
+    if callable(sensing.R) or sensing.kind not in ("position", "relative_position", "range_azimuth"):
+        return None
+    d = len(sensing.at)
+    R = np.asarray(sensing.R)
+    cov = np.diag(R) if R.ndim == 1 else covariance_of(R)
+
+    def locate(z: np.ndarray, u: np.ndarray | None) -> Located:
+        if sensing.kind == "relative_position":
+            return Located(z + (0.0 if u is None else u[inputs]), np.tile(cov, (len(z), 1, 1)))
+        place, spread = first_position(sensing, z)
+        if sensing.kind == "position" or z.shape[1] == d:
+            return Located(place, np.array(spread))
+        away = (place - np.asarray(sensing.origin)) / np.maximum(z[:, :1], 1e-9)
+        return Located(place, spread, away, z[:, d], float(cov[d, d]))
+
+    return locate
+
+
+def _truth(
+    folder: Path, description: PlotDescription, part: TrackingPart, built: Built, epoch: pd.Timestamp | None
+) -> tuple[Truth, ...]:
+    if part.truth is None:
+        return ()
+    table = read_table(folder / part.truth.data)
+    time, began = instants(table, part.truth.time)
+    if (began is None) != (epoch is None):
+        raise InputError("tracking.truth counts time otherwise than the plots: both timestamps, or both seconds")
+    if began is not None and epoch is not None:
+        time = time + (began - epoch).total_seconds()
+    names = [str(built.model.state[i]) for i in built.position]
+    for name in names:
+        if name not in description.truth:
+            raise InputError(f"[truth] needs {name!r}: the column of {part.truth.data} that holds it")
+    wanted = [
+        (description.truth[n], built.dimensions[i], f"truth.{n}") for n, i in zip(names, built.position, strict=True)
+    ]
+    place = columns(table, wanted)
+    series = table.column(part.truth.target).astype("string")
+    made = []
+    for target in sorted(series.dropna().unique()):
+        rows = np.flatnonzero((series == target).to_numpy(bool) & ~np.isnan(place).any(1))
+        # A time that is told twice counts once.
+        moments, first = np.unique(time[rows], return_index=True)
+        if len(moments):
+            made.append(Truth(str(target), moments, place[rows[first]]))
+    return tuple(made)
+
+
+def _cutoff(part: TrackingPart, built: Built) -> float:
+    """What was asked for, or ten times the largest deviation of a sensor that measures positions."""
+    if part.cutoff is not None:
+        return quantity(part.cutoff, LENGTH, "tracking.cutoff")
+    known = [s.R for s in built.sensings.values() if not callable(s.R) and "position" in s.kind]
+    lengths = [np.sqrt(np.max(np.diag(R) if np.ndim(R) == 2 else np.asarray(R))) for R in known]
+    return float(max(100.0, 10 * max(lengths, default=10.0)))

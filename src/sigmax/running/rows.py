@@ -1,0 +1,167 @@
+"""Half-steps of a filter on rows of beliefs, one row a track: any number of tracks, from call to call another."""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from sigmax.filters import Filter
+from sigmax.models.model import Model
+from sigmax.native.driver import EMPTY, Record, Sensor, Step, driver, over_cores, pointer, series
+from sigmax.running.backend import attempt
+from sigmax.running.covariances import covariances
+from sigmax.running.edge import as_filter, cast, run_type
+from sigmax.running.lanes import started
+from sigmax.running.live_xla import begun, half_steps
+from sigmax.running.lowered import Lowered, lowered
+from sigmax.running.step import Innovation
+
+Corrected = tuple[np.ndarray, Innovation, np.ndarray]
+# XLA compiles for each size of a batch: rows are padded to a power of two, at least this one.
+_SMALLEST_BATCH = 8
+
+
+class RowSteps:
+    """Start, predict and correct rows (B, size), each a belief: mean, lower factor, what the form carries.
+
+    The functions are pure: they give new rows. Nothing is compiled again when B changes on the native
+    engine; on XLA a compilation is made for each power of two.
+
+    Args:
+        filter: a name of the catalogue, or a filter.
+        model: the model.
+        dtype: float64 or float32.
+        backend: as in `run`.
+    """
+
+    def __init__(self, filter: Filter | str, model: Model, *, dtype: Any = "float64", backend: str | None = None):
+        self.filter, self.dtype, self.backend = as_filter(filter), run_type(dtype), backend
+        self.model = cast(model, self.dtype)
+        self.packing = lowered(self.filter, self.model, 0, self.dtype).packing
+        self._leaves, self._structure = jax.tree.flatten(self.model)
+        self._ready: dict[Any, tuple[Lowered, Step, np.ndarray]] = {}
+
+    def start(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
+        """The rows of means (B, n) and covariances (B, n, n)."""
+        mean, cov = np.ascontiguousarray(mean, self.dtype), np.ascontiguousarray(cov, self.dtype)
+        if not len(mean):
+            return np.empty((0, self.packing.size), self.dtype)
+
+        def xla() -> np.ndarray:
+            belief = begun(self.filter, _padded(mean).T, np.moveaxis(_padded(cov), 0, -1))
+            return self.packing.packed(belief)[: len(mean)]
+
+        return attempt(
+            self.backend,
+            False,
+            lambda: started(lowered(self.filter, self.model, 0, self.dtype), mean, cov, len(mean)),
+            xla,
+        )
+
+    def predict(self, rows: np.ndarray, dt: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The rows dt seconds later, dt one number or (B,), and the `Fault` (B,) of each."""
+        dt = np.ascontiguousarray(np.broadcast_to(dt, len(rows)), self.dtype)
+        if not len(rows):
+            return rows, np.zeros(0, np.int8)
+
+        def native() -> tuple[np.ndarray, np.ndarray]:
+            moved, _, fault = self._native(rows, dt, None, None, None)
+            return moved, fault
+
+        def xla() -> tuple[np.ndarray, np.ndarray]:
+            move, _, _ = half_steps(self.filter, self._structure)
+            belief, fault = move(self._leaves, self._belief(rows), _padded(dt), None)
+            return self.packing.packed(belief)[: len(rows)], np.asarray(fault)[: len(rows)]
+
+        return attempt(self.backend, False, native, xla)
+
+    def correct(self, rows: np.ndarray, sensor: str, z: np.ndarray, u: Any = None) -> Corrected:
+        """The rows after measurements z (B, m) of one sensor, what they said, and the `Fault` (B,) of each.
+
+        A row whose correction is not sound stays as it was, as does one whose measurement is missing.
+        Inputs u (k,) are those of the sensor, where it takes them.
+        """
+        z = np.ascontiguousarray(z, self.dtype)
+        if not len(rows):
+            m = z.shape[-1]
+            told = Innovation(z, np.empty((0, m, m), self.dtype), *(np.empty(0, self.dtype),) * 2, np.empty(0, int))
+            return rows, told, np.zeros(0, np.int8)
+
+        def xla() -> Corrected:
+            _, see, _ = half_steps(self.filter, self._structure)
+            R = self.model.R[sensor]
+            belief, told, fault = see(self._leaves, self._belief(rows), sensor, _padded(z).T, R, self._inputs(u))
+            cut = [np.moveaxis(np.asarray(a), -1, 0)[: len(rows)] for a in told]
+            return self.packing.packed(belief)[: len(rows)], Innovation(*cut), np.asarray(fault)[: len(rows)]
+
+        return attempt(self.backend, False, lambda: self._native(rows, None, sensor, z, u), xla)
+
+    def mean(self, rows: np.ndarray) -> np.ndarray:
+        """The means (B, n)."""
+        return rows[:, : self.packing.n]
+
+    def cov(self, rows: np.ndarray) -> np.ndarray:
+        """The covariances (B, n, n)."""
+        n = self.packing.n
+        S = np.zeros((len(rows), n, n), rows.dtype)
+        S[:, *np.tril_indices(n)] = rows[:, n : n + n * (n + 1) // 2]
+        return covariances(S)
+
+    def _native(
+        self, rows: np.ndarray, dt: np.ndarray | None, sensor: str | None, z: np.ndarray | None, u: Any
+    ) -> Corrected:
+        """One half-step in C.
+
+        Raises:
+            Refused: for a model or filter that cannot be lowered.
+            Unavailable: without a compiler, or where it fails.
+        """
+        given = None if u is None else np.ascontiguousarray(u, self.dtype)
+        B, m = len(rows), 0 if z is None else z.shape[-1]
+        part = ("predict",) if z is None else ("correct", sensor, m)
+        low, step, constants = self._made(part, 0 if given is None else given.shape[-1])
+        state, fault = rows.astype(self.dtype), np.zeros(B, np.int8)
+        told = Innovation(
+            np.empty((B, m), self.dtype),
+            np.empty((B, m, m), self.dtype),
+            np.empty(B, self.dtype),
+            np.empty(B, self.dtype),
+            np.empty(B, np.int64),
+        )
+        job = Record(tracks=B, steps=1, n=low.n, size=low.packing.size)
+        job.state, job.fault = pointer(state), pointer(fault)
+        job.dt = job.u = EMPTY
+        if given is not None:
+            job.u = series(given, 1, given.ndim == 2, False)
+        if z is None:
+            assert dt is not None
+            job.predict, job.c, job.dt = step.address, pointer(constants), series(dt, 0, True, False)
+        else:
+            seen = series(z, 1, True, False)
+            only = Sensor(step.address, pointer(constants), seen, pointer(told.residual), pointer(told.factor))
+            # The job points at the array of sensors: it lives as long as this frame.
+            job.sensors, job.sensor = 1, (Sensor * 1)(only)
+            job.nis, job.log_likelihood, job.dof = (pointer(a) for a in told[2:])
+        single = self.dtype == np.float32
+        over_cores(driver(single)["record"], job, B, single)
+        return state, told, fault
+
+    def _made(self, part: tuple[Any, ...], inputs: int) -> tuple[Lowered, Step, np.ndarray]:
+        """A compiled half-step and its constants, looked up once."""
+        if (part, inputs) not in self._ready:
+            low = lowered(self.filter, self.model, inputs, self.dtype)
+            (step,) = low.need(part)
+            self._ready[part, inputs] = low, step, step.setup(low.parameters(self.model))
+        return self._ready[part, inputs]
+
+    def _belief(self, rows: np.ndarray) -> Any:
+        return self.packing.unpacked(_padded(rows))
+
+    def _inputs(self, u: Any) -> Any:
+        return None if u is None else _padded(np.asarray(u, self.dtype)).T if np.ndim(u) == 2 else np.asarray(u)
+
+
+def _padded(a: np.ndarray) -> np.ndarray:
+    """An array with its last row repeated up to a length that many lengths share."""
+    length = max(_SMALLEST_BATCH, 1 << (len(a) - 1).bit_length())
+    return np.concatenate([a, np.repeat(a[-1:], length - len(a), 0)])
