@@ -8,7 +8,7 @@ import numpy as np
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
-from sigmax.models.model import Noise
+from sigmax.models.noise import Noise
 
 
 class Scan(NamedTuple):
