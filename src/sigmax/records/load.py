@@ -37,7 +37,7 @@ def builtin() -> dict[str, Builtin]:
     """The built-in records by name."""
     about = "a robot mower among four radio beacons: ranges and odometry, truth to centimetres (extra: plaza)"
     plazas = {f"plaza{run}": Builtin(_plaza(run), f"{about}, run {run}") for run in (1, 2)}
-    flight = "terrain-aided navigation over the Jacksboro fault: real heights, a simulated flight (extra: terrain)"
+    flight = "terrain-aided navigation over the Jacksboro fault: real heights, a simulated flight"
     return plazas | {"jacksboro": Builtin(_jacksboro, flight)}
 
 

@@ -23,7 +23,7 @@ NAMED: dict[str, Named] = {
     "zhang-bearings": Named(zhang.bearings, "bearings with a random bias as printed (Zhang et al., section 4)"),
     "bearings-repaired": Named(zhang.repaired, "the same with a geometry that tells filters apart"),
     "radar-registration": Named(zhang.registration, "radars with offsets of their own: where two stages pay"),
-    "belov-terrain": Named(belov.terrain, "an inertial system over real terrain, sigma sets permuted (extra: terrain)"),
+    "belov-terrain": Named(belov.terrain, "an inertial system over real terrain, sigma sets permuted"),
     "growth": Named(classic.growth, "univariate nonstationary growth: the measurement does not tell ±x"),
     "reentry": Named(classic.reentry, "a vehicle enters the atmosphere, its drag unknown"),
     "bearings-only": Named(classic.bearings, "a target of which a moving platform sees the bearing only"),
