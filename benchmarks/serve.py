@@ -105,9 +105,10 @@ def main() -> None:
         for kept in (False, True):
             with tempfile.TemporaryDirectory() as folder:
                 took, tracks, memory = measured(n, given.scans + 5, Path(folder), kept)
+            held = "yes" if kept else "no"
             middle, top = 1e3 * np.median(took), 1e3 * np.quantile(took, 0.999, method="higher")
             print(
-                f"| {n} | {'yes' if kept else 'no'} | {tracks} | {middle:.1f} | {top:.1f} | {memory // 1024} | {len(took)} |",
+                f"| {n} | {held} | {tracks} | {middle:.1f} | {top:.1f} | {memory // 1024} | {len(took)} |",
                 flush=True,
             )
 

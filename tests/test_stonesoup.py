@@ -71,7 +71,11 @@ def test_motions_are_theirs(model):
     [
         LinearGaussian(6, (4, 0), np.eye(2)),
         CartesianToBearingRange(
-            6, (0, 2), np.eye(2), translation_offset=StateVector([[3.0], [1]]), rotation_offset=StateVector([[0], [0], [0.4]])
+            6,
+            (0, 2),
+            np.eye(2),
+            translation_offset=StateVector([[3.0], [1]]),
+            rotation_offset=StateVector([[0], [0], [0.4]]),
         ),
         Cartesian2DToBearing(6, (0, 2), np.eye(1)),
         CartesianToElevationBearingRange(6, (0, 2, 4), np.eye(3), rotation_offset=StateVector([[0.1], [0.2], [0.4]])),
@@ -130,7 +134,9 @@ def test_the_numbers_are_those_of_their_own_filter(name):
         # The bearing passes ±π on the way.
         truth = GaussianState(motion.function(truth, noise=False, time_interval=step), np.eye(n))
         seen = sensor.function(truth, noise=False)
-        z = Detection(seen + (rng.normal(size=2) * np.sqrt(np.diag(sensor.covar())))[:, None], timestamp=START + k * step)
+        z = Detection(
+            seen + (rng.normal(size=2) * np.sqrt(np.diag(sensor.covar())))[:, None], timestamp=START + k * step
+        )
         made = []
         for state, (p, u) in zip(states, (mine, theirs), strict=True):
             prediction = p.predict(state, timestamp=z.timestamp)

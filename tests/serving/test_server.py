@@ -91,7 +91,11 @@ def killed_often(tmp_path, kills, seed):
     at = 0
     for _ in range(kills):
         with process(tmp_path, *ends) as run:
-            at = sent_until_killed(run, some, at, rng.uniform(0, 0.3))
+            if rng.random() < 0.2:
+                # While it starts, or takes up what was.
+                time.sleep(rng.uniform(0, 4))
+            else:
+                at = sent_until_killed(run, some, at, rng.uniform(0, 0.3))
         if at >= len(some) - 1000:
             break
     stop = min(at + 40, len(some))

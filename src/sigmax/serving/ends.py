@@ -91,10 +91,10 @@ async def connect(end: End, told: Callable[[str], None]) -> Any:
         InputError: where nats-py is not installed, or no server answers.
     """
     try:
-        import nats
+        from nats.aio.client import Client
     except ImportError as error:
         raise InputError("NATS needs the client: pip install 'sigmax[nats]'") from error
-    client = nats.NATS()
+    client = Client()
 
     async def failed(error: Exception) -> None:
         told(f"nats: {error or type(error).__name__}")

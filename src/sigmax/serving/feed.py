@@ -78,7 +78,9 @@ class Feed:
             for sensor in built.sensings:
                 wanted = measured_columns(description, built, sensor)
                 self._measured[sensor] = [_Column(c.column, _factor(c.unit, d, where)) for c, d, where in wanted]
-            own = [(i.sensor, _Column(i.column.column, _factor(i.column.unit, i.dimension, i.where))) for i in built.inputs]
+            own = [
+                (i.sensor, _Column(i.column.column, _factor(i.column.unit, i.dimension, i.where))) for i in built.inputs
+            ]
             self._inputs: list[tuple[str | None, _Column]] = own
             unit = description.time.unit
             self._time = _Column(description.time.column, to_si(unit, TIME, "time"))
@@ -163,7 +165,9 @@ class Feed:
             try:
                 moment = datetime.fromisoformat(given)
             except ValueError as error:
-                raise InputError(f"{self._time.name}: {given[:50]!r} is no time such as 2026-01-31T12:00:00Z") from error
+                raise InputError(
+                    f"{self._time.name}: {given[:50]!r} is no time such as 2026-01-31T12:00:00Z"
+                ) from error
             return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
         value = _number(given, self._time)
         if math.isnan(value):

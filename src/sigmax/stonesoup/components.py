@@ -63,10 +63,8 @@ class SigmaxPredictor(Predictor):  # type: ignore[misc]
 @lru_cache(maxsize=128)
 def _predicted(predictor: SigmaxPredictor, prior: Any, timestamp: Any) -> Any:
     steps = predictor.steps
-    if timestamp is None or prior.timestamp is None:
-        seconds = 0.0
-    else:
-        seconds = (timestamp - prior.timestamp).total_seconds()
+    timeless = timestamp is None or prior.timestamp is None
+    seconds = 0.0 if timeless else (timestamp - prior.timestamp).total_seconds()
     if seconds < 0:
         raise InputError(f"predictions go forwards in time; {timestamp} is before {prior.timestamp}")
     rows, fault = steps.predict(_rows(steps, prior), seconds)

@@ -260,4 +260,6 @@ def _(model: Any) -> Seen:
     velocity = _mapping(model.velocity_mapping) if rate else ()
     angles = (Elevation, Bearing, None, *((None,) if rate else ()))
     function = _round(_mapping(model.mapping), velocity)
-    return Seen(function, np.concatenate(parts).astype(float), np.asarray(model.covar(), float), angles, model.ndim_state)
+    return Seen(
+        function, np.concatenate(parts).astype(float), np.asarray(model.covar(), float), angles, model.ndim_state
+    )
