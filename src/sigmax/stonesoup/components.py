@@ -71,9 +71,11 @@ def _predicted(predictor: SigmaxPredictor, prior: Any, timestamp: Any) -> Any:
     if fault[0]:
         raise FloatingPointError(f"the prediction of {predictor.filter} to {timestamp} is not sound")
     mean, cov = _vector(steps.mean(rows)[0]), steps.cov(rows)[0].view(CovarianceMatrix)
-    return Prediction.from_state(
+    made = Prediction.from_state(
         prior, mean, cov, timestamp=timestamp, transition_model=predictor.transition_model, prior=prior
     )
+    _remembered(steps, made, rows)
+    return made
 
 
 class SigmaxUpdater(Updater):  # type: ignore[misc]
@@ -113,7 +115,9 @@ class SigmaxUpdater(Updater):  # type: ignore[misc]
         if fault[0]:
             raise FloatingPointError(f"the correction of {self.filter} at {detection.timestamp} is not sound")
         mean, cov = _vector(steps.mean(rows)[0]), steps.cov(rows)[0].view(CovarianceMatrix)
-        return Update.from_state(prediction, mean, cov, timestamp=detection.timestamp, hypothesis=hypothesis)
+        made = Update.from_state(prediction, mean, cov, timestamp=detection.timestamp, hypothesis=hypothesis)
+        _remembered(steps, made, rows)
+        return made
 
 
 @lru_cache(maxsize=128)
@@ -159,11 +163,24 @@ def _steps(filter: Filter, model: Any) -> tuple[RowSteps, Seen]:
 
 
 def _rows(steps: RowSteps, state: Any) -> np.ndarray:
+    """The row of a state: the one it was computed as, with the factor it had, else one begun from its covariance."""
+    filter, mean_then, cov_then, rows = getattr(state, _ROW, (None, None, None, None))
+    if filter == steps.filter and mean_then is state.state_vector and cov_then is state.covar:
+        return rows
     mean = np.asarray(state.state_vector).astype(float).reshape(1, -1)
     cov = np.asarray(state.covar, float)[None]
     if not np.isfinite(mean).all() or not np.isfinite(cov).all():
         raise InputError("a state must be finite")
-    return steps.start(mean, cov)
+    return _remembered(steps, state, steps.start(mean, cov))
+
+
+# Rows of one filter and size look alike, whatever the model.
+_ROW = "_sigmax_row"
+
+
+def _remembered(steps: RowSteps, state: Any, rows: np.ndarray) -> np.ndarray:
+    setattr(state, _ROW, (steps.filter, state.state_vector, state.covar, rows))
+    return rows
 
 
 def _vector(mean: np.ndarray) -> StateVector:
