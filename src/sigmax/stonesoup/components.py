@@ -164,9 +164,9 @@ def _steps(filter: Filter, model: Any) -> tuple[RowSteps, Seen]:
 
 def _rows(steps: RowSteps, state: Any) -> np.ndarray:
     """The row of a state: the one it was computed as, with the factor it had, else one begun from its covariance."""
-    filter, mean_then, cov_then, rows = getattr(state, _ROW, (None, None, None, None))
-    if filter == steps.filter and mean_then is state.state_vector and cov_then is state.covar:
-        return rows
+    kept = getattr(state, _ROW, None)
+    if kept is not None and kept[0] == steps.filter and kept[1] is state.state_vector and kept[2] is state.covar:
+        return kept[3]
     mean = np.asarray(state.state_vector).astype(float).reshape(1, -1)
     cov = np.asarray(state.covar, float)[None]
     if not np.isfinite(mean).all() or not np.isfinite(cov).all():
