@@ -132,7 +132,7 @@ def test_killed_a_hundred_times_it_goes_on_with_the_same_tracks(tmp_path):
 
 
 def test_a_consumer_that_stops_reading_slows_nothing_but_itself(tmp_path):
-    """Updates of many tracks fill the buffers of a silent consumer many times over; another one misses none."""
+    """A consumer beside a silent one misses no update, and the sender waits for neither; bad lines are told."""
     some = lines(400, whole=True)
     with process(tmp_path, "--from", "tcp:0", "--to", "tcp:0", "--max-line", "2000") as run:
         plots, updates = addresses(run)

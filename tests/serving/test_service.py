@@ -1,5 +1,6 @@
 """The service without sockets: what lines mean, what is kept, what is bounded."""
 
+import asyncio
 import json
 
 import numpy as np
@@ -9,6 +10,7 @@ from sigmax.errors import InputError
 from sigmax.serving import Checkpoint, Feed, Service
 from sigmax.serving.ends import End, parse_end
 from sigmax.serving.lines import Line, Splitter, quoted
+from sigmax.serving.outbox import Outbox
 from sigmax.serving.tree import dumped, loaded
 from tests.serving.feed import lines, written
 
@@ -162,6 +164,20 @@ def test_values_come_back_bit_for_bit(feed):
         loaded(b"PK nonsense")
     with pytest.raises(InputError, match="cannot be saved"):
         dumped(object())
+
+
+def test_a_consumer_that_does_not_read_loses_the_oldest_and_is_told():
+    async def read():
+        box = Outbox(room=1000)
+        for k in range(100):
+            box.put(b"%03d" % k + b"x" * 97)
+        told = await box.get()
+        return told, await box.get(), box.idle
+
+    told, following, idle = asyncio.run(read())
+    assert told.startswith(b'{"missed":90}\n090x')
+    assert following.startswith(b"091x")
+    assert not idle
 
 
 def test_ends_are_on_loopback_unless_told():
