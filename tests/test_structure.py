@@ -25,6 +25,8 @@ ORDER = [
     "running",
     "tracking",
     "records",
+    "serving",
+    "stonesoup",
     "studies",
     "reports",
     "export",

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from sigmax.cli.commands import explain_command, terrain_command
+from sigmax.cli.commands import explain_command, serve_command, terrain_command
 from sigmax.errors import InputError
 
 app = typer.Typer(
@@ -71,6 +71,7 @@ def track_command(
 
 app.command("terrain")(terrain_command)
 app.command("explain")(explain_command)
+app.command("serve")(serve_command)
 
 
 @app.command("filters")

@@ -1,4 +1,4 @@
-"""Commands of the cheap transform and of terrain-aided navigation; what is slow to load is loaded inside."""
+"""Commands of the cheap transform, of terrain-aided navigation and of the service; slow loads are inside."""
 
 import sys
 from pathlib import Path
@@ -56,3 +56,42 @@ def explain_command(
     from sigmax.cli.explain import explain_model
 
     explain_model(model, filter, measure)
+
+
+def serve_command(
+    description: Annotated[
+        Path,
+        typer.Argument(help="A TOML file with a table [tracking]; a line is a row of its table.", show_default=False),
+    ],
+    filter: Annotated[
+        str | None,
+        typer.Option(
+            "--filter", "-f", help="NAME or NAME:parameter=value,…; else the file's first.", show_default=False
+        ),
+    ] = None,
+    source: Annotated[
+        str,
+        typer.Option("--from", help="Plots: -, tcp:PORT (on loopback), tcp:HOST:PORT, nats:HOST:PORT/SUBJECT."),
+    ] = "-",
+    sink: Annotated[str, typer.Option("--to", help="Updates: the same forms.")] = "-",
+    checkpoint: Annotated[
+        Path | None,
+        typer.Option("--checkpoint", "-c", help="Folder to go on from, after any kind of end.", show_default=False),
+    ] = None,
+    max_line: Annotated[int, typer.Option(help="Bytes; longer lines are refused.")] = 1 << 20,
+    quiet: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds of silence that end a scan; else 1, or one and a half turns of the slowest sensor.",
+            show_default=False,
+        ),
+    ] = None,
+    tentative: Annotated[bool, typer.Option("--tentative", help="Tell of tracks not yet confirmed, too.")] = False,
+) -> None:
+    """Track plots as they come: lines of JSON in, an update of the tracks as a line of JSON for every scan.
+
+    Example: sigmax serve plots.toml --from tcp:7700 --to tcp:7701 --checkpoint state
+    """
+    from sigmax.cli.serve import serve_plots
+
+    serve_plots(description, filter, source, sink, checkpoint, max_line, quiet, tentative)

@@ -53,7 +53,13 @@ def own_plots(path: Path) -> PlotRecord:
         raise InputError(f"{path.name}: {error}") from error
 
 
-def _record(path: Path, description: PlotDescription, part: TrackingPart) -> PlotRecord:
+def build_plots(path: Path, description: PlotDescription) -> Built:
+    """The model of a description of plots, its sensors checked.
+
+    Raises:
+        InputError: for whatever does not fit.
+    """
+    part = description.tracking
     if description.track is not None:
         raise InputError(
             f"track = {description.track!r} says whose each plot is; drop it, or [tracking] and give a [prior]"
@@ -66,6 +72,11 @@ def _record(path: Path, description: PlotDescription, part: TrackingPart) -> Plo
     missing = [name for name in built.sensings if name not in part.sensors]
     if missing:
         raise InputError(f"tracking.sensors needs detection and clutter of {missing[0]!r}")
+    return built
+
+
+def _record(path: Path, description: PlotDescription, part: TrackingPart) -> PlotRecord:
+    built = build_plots(path, description)
     whole = read_table(path.parent / description.data, lenient=True)
     wanted = {name: measured_columns(description, built, name) for name in built.sensings}
     used = {column.column for one in wanted.values() for column, _, _ in one}
@@ -78,7 +89,7 @@ def _record(path: Path, description: PlotDescription, part: TrackingPart) -> Plo
     scans: list[Scan] = []
     for name, one in wanted.items():
         scans += _scans(name, part.sensors[name], time, columns(table, one), inputs)
-    made = _cycle_of(built, description, part)
+    made = cycle_of(built, description, part)
     made(parse_trial(description.filters[0]).filter)
     more = f" and {len(skipped) - _QUOTED} more" if len(skipped) > _QUOTED else ""
     return PlotRecord(
@@ -103,9 +114,7 @@ def _scans(name: str, part: DetectionPart, time: np.ndarray, z: np.ndarray, inpu
     rows = np.flatnonzero(~np.isnan(z).all(1))
     if not len(rows):
         return []
-    period = None if part.scan is None else quantity(part.scan, TIME, f"tracking.sensors.{name}.scan")
-    if period is not None and not period > 0:
-        raise InputError(f"tracking.sensors.{name}.scan must be a period above 0; it is {part.scan!r}")
+    period = period_of(name, part)
     key = time[rows] if period is None else np.floor((time[rows] - time[rows].min()) / period)
     _, group = np.unique(key, return_inverse=True)
     order = np.argsort(group, kind="stable")
@@ -116,7 +125,20 @@ def _scans(name: str, part: DetectionPart, time: np.ndarray, z: np.ndarray, inpu
     ]
 
 
-def _cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> Callable[[Filter], Cycle]:
+def period_of(name: str, part: DetectionPart) -> float | None:
+    """Seconds that a sensor takes to turn; None for one whose plots of a scan have one time."""
+    period = None if part.scan is None else quantity(part.scan, TIME, f"tracking.sensors.{name}.scan")
+    if period is not None and not period > 0:
+        raise InputError(f"tracking.sensors.{name}.scan must be a period above 0; it is {part.scan!r}")
+    return period
+
+
+def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> Callable[[Filter], Cycle]:
+    """What gives the cycle of a description with a filter.
+
+    Raises:
+        InputError: for names, options and units that do not fit.
+    """
     top = quantity(part.max_speed, SPEED, "tracking.max_speed")
     if part.associate not in _ASSOCIATE:
         raise InputError(f"tracking.associate: {unknown('rule', part.associate, _ASSOCIATE)}")

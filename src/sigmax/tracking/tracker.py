@@ -26,6 +26,16 @@ class _Entry(NamedTuple):
         return self.scan.time, self.scan.sensor
 
 
+class Saved(NamedTuple):
+    """What `Tracker.save` gives: a value that can be written down."""
+
+    state: State
+    counts: dict[str, int]
+    recent: tuple[_Entry, ...]
+    held: Scan | None
+    refused_on_end: int
+
+
 class Tracker:
     """Takes scans one by one; the one object with a state.
 
@@ -62,6 +72,20 @@ class Tracker:
     def history(self) -> list[Told]:
         """What every scan did, in the order of time (scans at one time by the name of their sensor)."""
         return [*self._settled, *(e.told for e in self._recent)]
+
+    def forget(self) -> None:
+        """Drop the part of the history that no scan can change any more, so that memory stays bounded."""
+        self._settled.clear()
+
+    def save(self) -> Saved:
+        """All that later scans depend on, as a value; the settled history is not part of it."""
+        return Saved(self.state, dict(self.counts), tuple(self._recent), self._held, self._refused_on_end)
+
+    def restore(self, saved: Saved) -> None:
+        """Take up what `save` gave: the scans that follow do, bit for bit, what they would have done there."""
+        self.state, self._held, self._refused_on_end = saved.state, saved.held, saved.refused_on_end
+        self.counts, self._recent = Counter(saved.counts), list(saved.recent)
+        self._settled.clear()
 
     def step(self, scan: Scan) -> Told | None:
         """Take a scan; what it did, or None where it was not taken (see `counts`).

@@ -1,0 +1,226 @@
+"""The service as a process: sockets, pipes, kills, slow consumers, NATS."""
+
+import contextlib
+import json
+import os
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from sigmax.serving import Feed, Service
+from tests.serving.feed import lines, written
+from tests.serving.test_service import tracked
+
+WAIT = 120
+
+
+@contextlib.contextmanager
+def process(folder, *arguments, **streams):
+    """`sigmax serve` on the feed for tests; ended in any case."""
+    command = [sys.executable, "-m", "sigmax.cli", "serve", str(written(folder)), *arguments]
+    run = subprocess.Popen(command, stderr=subprocess.PIPE, **streams)
+    try:
+        yield run
+    finally:
+        run.kill()
+        run.wait()
+        for stream in (run.stdin, run.stdout, run.stderr):
+            if stream is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    stream.close()
+
+
+def addresses(run):
+    """Where it says that it listens."""
+    for raw in run.stderr:
+        text = raw.decode()
+        if "plots from" in text:
+            found = [part.split()[0].rstrip(",") for part in text.split("tcp:")[1:]]
+            return [(host, int(port)) for host, port in (f.rsplit(":", 1) for f in found)]
+    raise AssertionError("the service ended before it listened")
+
+
+def reader(address):
+    connection = socket.create_connection(address, timeout=WAIT)
+    return connection, connection.makefile("rwb")
+
+
+def until_update(file, number):
+    for raw in file:
+        told = json.loads(raw)
+        if told.get("update", 0) >= number:
+            return told
+    raise AssertionError("the service ended the connection")
+
+
+def sent_until_killed(run, some, from_serial, seconds):
+    """Send lines, and kill the process after some time; the last line acknowledged, counted from the first."""
+    (plots, _) = addresses(run)
+    acknowledged = from_serial
+    with contextlib.closing(socket.create_connection(plots, timeout=WAIT)) as connection:
+        connection.setblocking(False)
+        data = b"".join(line + b"\n" for line in some[from_serial:])
+        ended, heard, killed = time.monotonic() + seconds, b"", False
+        while not killed:
+            killed = time.monotonic() > ended
+            if killed:
+                run.send_signal(signal.SIGKILL)
+                run.wait()
+            with contextlib.suppress(BlockingIOError, ConnectionError):
+                if data and not killed:
+                    data = data[connection.send(data[:400]) :]
+            with contextlib.suppress(BlockingIOError, ConnectionError):
+                heard += connection.recv(1 << 16)
+            time.sleep(0.0005)
+    for raw in heard.split(b"\n")[:-1]:
+        acknowledged = max(acknowledged, from_serial + json.loads(raw).get("ack", 0))
+    return acknowledged
+
+
+def killed_often(tmp_path, kills, seed):
+    """Tracks after kills at random moments equal those without; each start sends what was not acknowledged."""
+    some = lines(2000, whole=False)
+    rng = random.Random(seed)
+    ends = ("--from", "tcp:0", "--to", "tcp:0", "--checkpoint", str(tmp_path / "state"), "--quiet", "1000")
+    at = 0
+    for _ in range(kills):
+        with process(tmp_path, *ends) as run:
+            if rng.random() < 0.2:
+                # While it starts, or takes up what was.
+                time.sleep(rng.uniform(0, 4))
+            else:
+                at = sent_until_killed(run, some, at, rng.uniform(0, 0.3))
+        if at >= len(some) - 1000:
+            break
+    stop = min(at + 40, len(some))
+    with process(tmp_path, *ends) as run:
+        plots, updates = addresses(run)
+        with contextlib.ExitStack() as stack:
+            sender, answers = reader(plots)
+            stack.enter_context(sender)
+            taken = json.loads(answers.readline())
+            # Nothing that was acknowledged is missing.
+            assert taken["serials"].get("", -1) >= at - 1
+            consumer, told = reader(updates)
+            stack.enter_context(consumer)
+            sender.sendall(b"".join(line + b"\n" for line in [*some[at:stop], b'{"flush": true}']))
+            sender.shutdown(socket.SHUT_WR)
+            last = until_update(told, -(-stop // 4))
+        run.send_signal(signal.SIGTERM)
+        assert run.wait(WAIT) == 0
+    service = Service(Feed(written(tmp_path)))
+    tracked(service, [*some[:stop], b'{"flush": true}'])
+    expected = json.loads(service.latest)
+    assert last == expected
+    assert stop > 40
+    return stop
+
+
+def test_killed_at_random_moments_it_goes_on_with_the_same_tracks(tmp_path):
+    killed_often(tmp_path, 3, seed=1)
+
+
+@pytest.mark.slow
+def test_killed_a_hundred_times_it_goes_on_with_the_same_tracks(tmp_path):
+    killed_often(tmp_path, 100, seed=2)
+
+
+def test_a_consumer_that_stops_reading_slows_nothing_but_itself(tmp_path):
+    """A consumer beside a silent one misses no update, and the sender waits for neither; bad lines are told."""
+    some = lines(400, whole=True)
+    with process(tmp_path, "--from", "tcp:0", "--to", "tcp:0", "--max-line", "2000") as run:
+        plots, updates = addresses(run)
+        with contextlib.ExitStack() as stack:
+            silent = stack.enter_context(socket.create_connection(updates, timeout=WAIT))
+            silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            consumer, told = reader(updates)
+            stack.enter_context(consumer)
+            sender, answers = reader(plots)
+            stack.enter_context(sender)
+            sender.sendall(b"x" * 100_000 + b"\nnonsense\n")
+            assert json.loads(answers.readline())["taken"] == 0
+            for _ in range(2):
+                complaint = json.loads(answers.readline())
+                while "refused" not in complaint:
+                    complaint = json.loads(answers.readline())
+            assert complaint == {"refused": 2, "why": complaint["why"], "line": "nonsense"}
+            sender.sendall(b"".join(line + b"\n" for line in some))
+            assert json.loads(told.readline())["state"] == ["north", "east", "vnorth", "veast"]
+            seen = [json.loads(told.readline()).get("update") for _ in range(len(some))]
+            assert seen == list(range(1, len(some) + 1))
+            run.send_signal(signal.SIGTERM)
+            assert run.wait(WAIT) == 0
+        assert b"2 refused, 400 taken" in run.stderr.read()
+
+
+def test_from_pipe_to_pipe_every_update_comes(tmp_path):
+    some = lines(20)
+    given = b"".join(line + b"\n" for line in some[:-1]) + b"{}\n" + some[-1]
+    with process(tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as run:
+        out, err = run.communicate(given, timeout=WAIT)
+    assert run.returncode == 0
+    assert [json.loads(raw).get("update") for raw in out.splitlines()] == [None, *range(1, 21)]
+    assert b"1 refused, 80 taken" in err
+
+
+@pytest.mark.slow
+def test_nats(tmp_path):
+    """Plots and updates over a real server; a request is answered once its lines are kept."""
+    pytest.importorskip("nats")
+    server = shutil.which("nats-server") or pytest.skip("nats-server is not installed: apt-get install nats-server")
+    import asyncio
+
+    import nats
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    broker = subprocess.Popen([server, "-a", "127.0.0.1", "-p", str(port)], stderr=subprocess.DEVNULL)
+    some = lines(30, whole=True)
+
+    async def exchange():
+        client = await nats.connect(f"nats://127.0.0.1:{port}")
+        updates = await client.subscribe("tracks")
+        bad = json.loads((await client.request("plots", b"nonsense", timeout=WAIT)).data)
+        assert bad["refused"][0]["line"] == "nonsense"
+        for line in some:
+            assert json.loads((await client.request("plots", line, timeout=WAIT)).data) == {"ack": 1}
+        told = [json.loads((await updates.next_msg(timeout=WAIT)).data) for _ in some]
+        await client.close()
+        return told
+
+    try:
+        for _ in range(200):
+            with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
+                break
+            time.sleep(0.05)
+        ends = ("--from", f"nats:{port}/plots", "--to", f"nats:{port}/tracks")
+        with process(tmp_path, *ends, "--checkpoint", str(tmp_path / "state")) as run:
+            for raw in run.stderr:
+                if b"plots from" in raw:
+                    break
+            told = asyncio.run(exchange())
+            run.send_signal(signal.SIGTERM)
+            assert run.wait(WAIT) == 0
+    finally:
+        broker.terminate()
+        broker.wait()
+    service = Service(Feed(written(tmp_path)))
+    assert told == [json.loads(update) for update in tracked(service, some)]
+
+
+def test_wrong_ends_are_told_before_anything_begins(tmp_path):
+    with socket.socket() as busy:
+        busy.bind(("127.0.0.1", 0))
+        busy.listen()
+        port = busy.getsockname()[1]
+        with process(tmp_path, "--from", f"tcp:{port}", "--to", "-", stdout=subprocess.PIPE) as run:
+            assert run.wait(WAIT) == 2
+            assert b"cannot listen" in run.stderr.read()
+    assert os.listdir(tmp_path) == ["radar.toml"]

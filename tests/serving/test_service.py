@@ -1,0 +1,190 @@
+"""The service without sockets: what lines mean, what is kept, what is bounded."""
+
+import asyncio
+import json
+
+import numpy as np
+import pytest
+
+from sigmax.errors import InputError
+from sigmax.serving import Checkpoint, Feed, Service
+from sigmax.serving.ends import End, parse_end
+from sigmax.serving.lines import Line, Splitter, quoted
+from sigmax.serving.outbox import Outbox
+from sigmax.serving.tree import dumped, loaded
+from tests.serving.feed import lines, written
+
+
+@pytest.fixture(scope="module")
+def feed(tmp_path_factory):
+    return Feed(written(tmp_path_factory.mktemp("feed")))
+
+
+def tracked(service, some):
+    """All updates of lines, given a few at a time."""
+    updates = []
+    for i in range(0, len(some), 7):
+        service.accept([Line(line, True) for line in some[i : i + 7]])
+        updates += list(service.work())
+    return updates
+
+
+@pytest.mark.parametrize("size", [1, 3, 1000])
+def test_a_stream_is_cut_the_same_however_it_comes(size):
+    data = b'{"a":1}\r\n\n' + b"x" * 50 + b'\n{"b":2}\n{"c":' + b" " * 9 + b"3}"
+    splitter, found = Splitter(20), []
+    for i in range(0, len(data), size):
+        found += splitter.feed(data[i : i + size])
+        assert len(splitter._held) <= 20
+    found += splitter.last()
+    assert [line.whole for line in found] == [True, False, True, True]
+    assert found[0].text == b'{"a":1}'
+    assert found[1].text == b"x" * 20
+
+
+def test_what_is_quoted_shows_no_control_characters():
+    assert quoted(b"\x1b[31m\xff" + b"a" * 400).startswith(r"\x1b[31m")
+    assert len(quoted(b"a" * 400)) == 201
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        (b"nonsense", "no JSON"),
+        (b"[1]", "an object"),
+        (b'{"n_km": 1, "e_km": 2}', "needs a time"),
+        (b'{"t": "soon", "n_km": 1}', "is no time"),
+        (b'{"t": 1, "n_km": "1"}', "is no number"),
+        (b'{"t": 1, "n_km": 1e300}', "beyond all measure"),
+        (b'{"t": 1, "n_km": NaN}', "no JSON"),
+        (b'{"t": 1, "other": 1}', "radar has n_km, e_km"),
+        (b'{"t": 1, "sensor": "sonar", "n_km": 1}', "sonar"),
+        (b'{"t": 1, "plots": 3}', "list of objects"),
+        (b'{"t": 1, "n_km": 1, "serial": "x"}', "whole number"),
+        (b"\xff\xfe", "no JSON"),
+        (b"[" * 5000, "no JSON"),
+    ],
+)
+def test_a_malformed_line_is_refused_with_the_reason_and_changes_nothing(feed, line, why):
+    service = Service(feed)
+    (verdict,) = service.accept([Line(line, True)])
+    assert not verdict.taken
+    assert why in verdict.why
+    assert list(service.work()) == []
+    assert service.counts == {"refused": 1}
+
+
+def test_malformed_lines_between_change_no_track(feed):
+    good = lines(12)
+    mixed = [x for line in good for x in (b"{", line, b'{"t": 5}')]
+    one, two = Service(feed), Service(feed)
+    assert tracked(one, good) == tracked(two, mixed)
+    assert two.counts == {"taken": len(good), "refused": 2 * len(good)}
+
+
+def test_rows_and_whole_scans_say_the_same(feed):
+    rows, whole = Service(feed), Service(feed)
+    tracked(rows, [*lines(12), b'{"flush": true}'])
+    tracked(whole, lines(12, whole=True))
+    assert rows.latest == whole.latest
+    tracks = json.loads(whole.latest)["tracks"]
+    truth = np.array([[0.0, 0], [8, 3]]) + 22.0 * np.array([[0.1, 0.05], [-0.1, 0.08]])
+    place = np.array([t["mean"][:2] for t in tracks]) / 1e3
+    assert all(np.linalg.norm(place - t, axis=1).min() < 0.1 for t in truth)
+
+
+def test_a_timestamp_is_its_seconds(feed):
+    message = feed.read(b'{"t": "1970-01-01T00:01:00+00:00", "n_km": 1.5, "e_km": null}')
+    assert message.plots[0].time == 60.0
+    assert message.plots[0].z[0] == 1500.0
+    assert np.isnan(message.plots[0].z[1])
+
+
+def test_a_number_taken_before_is_acknowledged_but_not_tracked_again(feed):
+    once, twice = Service(feed), Service(feed)
+    some = lines(8)
+    assert tracked(once, some) == tracked(twice, [*some[:20], *some])
+    assert twice.counts["repeated"] == 20
+
+
+@pytest.mark.parametrize("stop", [3, 17, 40])
+def test_a_service_goes_on_bit_for_bit_from_its_journal_and_from_its_state(feed, tmp_path, stop):
+    some = lines(16)
+    whole = Service(feed)
+    expected = tracked(whole, some)
+    first = Checkpoint(tmp_path, feed.digest)
+    before = Service(feed, first)
+    got = tracked(before, some[:stop])
+    if stop == 17:
+        before.keep()
+    first.close()
+    second = Checkpoint(tmp_path, feed.digest)
+    after = Service(feed, second)
+    got += tracked(after, some)
+    second.close()
+    assert got == expected
+    assert after.counts["taken"] == len(some)
+
+
+def test_a_torn_end_of_the_journal_is_dropped(feed, tmp_path):
+    first = Checkpoint(tmp_path, feed.digest)
+    first.append([b"one", b"two"])
+    first.close()
+    (journal,) = tmp_path.glob("journal-*")
+    with journal.open("ab") as file:
+        file.write(b"00000000 thr")
+    second = Checkpoint(tmp_path, feed.digest)
+    assert second.lines == [b"one", b"two"]
+    assert second.torn == 12
+    second.append([b"three"])
+    second.close()
+    third = Checkpoint(tmp_path, feed.digest)
+    assert third.lines == [b"one", b"two", b"three"]
+    with pytest.raises(InputError, match="in use"):
+        Checkpoint(tmp_path, feed.digest)
+    third.close()
+    with pytest.raises(InputError, match="another description"):
+        Checkpoint(tmp_path, "other")
+
+
+def test_memory_stays_bounded(feed):
+    service = Service(feed)
+    tracked(service, lines(60))
+    assert len(service.tracker.history) <= 2
+    assert not service._due
+    assert len(dumped(service.tracker.save())) < 200_000
+
+
+def test_values_come_back_bit_for_bit(feed):
+    service = Service(feed)
+    tracked(service, lines(10))
+    saved = service.tracker.save()
+    assert dumped(loaded(dumped(saved))) == dumped(saved)
+    with pytest.raises(InputError, match="no saved value"):
+        loaded(b"PK nonsense")
+    with pytest.raises(InputError, match="cannot be saved"):
+        dumped(object())
+
+
+def test_a_consumer_that_does_not_read_loses_the_oldest_and_is_told():
+    async def read():
+        box = Outbox(room=1000)
+        for k in range(100):
+            box.put(b"%03d" % k + b"x" * 97)
+        told = await box.get()
+        return told, await box.get(), box.idle
+
+    told, following, idle = asyncio.run(read())
+    assert told.startswith(b'{"missed":90}\n090x')
+    assert following.startswith(b"091x")
+    assert not idle
+
+
+def test_ends_are_on_loopback_unless_told():
+    assert parse_end("tcp:7700", "--from") == End("tcp", "127.0.0.1", 7700)
+    assert parse_end("tcp:0.0.0.0:7700", "--from") == End("tcp", "0.0.0.0", 7700)
+    assert parse_end("nats:4222/plots", "--from") == End("nats", "127.0.0.1", 4222, "plots")
+    assert parse_end("tcp:[::1]:7", "--to") == End("tcp", "::1", 7)
+    for wrong in ("", "tcp", "tcp:x", "tcp:70000", "nats:4222", "tcp:1/x", "udp:1"):
+        with pytest.raises(InputError, match="--to is"):
+            parse_end(wrong, "--to")
