@@ -1,4 +1,7 @@
-"""The law of honesty: over many runs, squared errors are as large as the covariance says."""
+"""The law of honesty: over many runs, squared errors are as large as the covariance says.
+
+No angle comes near ±π, so that the law is one for libraries without means for angles too.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,7 +11,7 @@ import numpy as np
 
 from sigmax.conformance.task import Adapter, Task
 
-_RUNS, _STEPS = 25, 20
+_RUNS, _STEPS = 20, 20
 
 
 class _Problem(NamedTuple):
@@ -27,7 +30,7 @@ def _radar() -> _Problem:
     def sensor(x: Any, xp: Any) -> Any:
         return xp.stack([xp.hypot(x[0], x[1]), xp.arctan2(x[1], x[0])])
 
-    task = Task(_straight, sensor, np.diag([1.0, 1.0, 0.5, 0.5]), np.diag([30.0**2, 0.003**2]), angles=(False, True))
+    task = Task(_straight, sensor, np.diag([1.0, 1.0, 0.5, 0.5]), np.diag([30.0**2, 0.003**2]))
     return _Problem(task, np.array([8e3, 6e3, -80.0, 40.0]), np.array([1e4, 1e4, 400.0, 400.0]))
 
 
@@ -41,10 +44,7 @@ def _turn() -> _Problem:
     def sensor(x: Any, xp: Any) -> Any:
         return xp.stack([xp.hypot(x[0], x[1]), xp.arctan2(x[1], x[0])])
 
-    task = Task(
-        motion, sensor, np.diag([1.0, 1.0, 1.0, 1e-5, 1e-6]), np.diag([20.0**2, 0.002**2]),
-        (False, False, False, True, False), (False, True),
-    )  # fmt: skip
+    task = Task(motion, sensor, np.diag([1.0, 1.0, 1.0, 1e-5, 1e-6]), np.diag([20.0**2, 0.002**2]))
     return _Problem(task, np.array([9e3, 4e3, 150.0, 1.0, 0.03]), np.array([2500.0, 2500.0, 100.0, 0.01, 1e-4]))
 
 
@@ -82,18 +82,18 @@ def _off_balance(problem: Callable[[], _Problem], adapter: Adapter) -> float:
         running = adapter.start(task, start.copy(), cov.copy())
         for _ in range(_STEPS):
             x = task.f(x) + Lq @ rng.standard_normal(n)
-            z = task.wrapped(task.h(x) + Lr @ rng.standard_normal(m))
+            z = task.h(x) + Lr @ rng.standard_normal(m)
             running.predict()
             running.update(z)
-            error = task.state_wrapped(np.ravel(np.asarray(running.mean, float)) - x)
+            error = np.ravel(np.asarray(running.mean, float)) - x
             nees.append(error @ np.linalg.solve(np.asarray(running.cov, float), error) / n)
     ratio = float(np.mean(nees))
     return max(ratio, 1 / ratio) if ratio > 0 else float("inf")
 
 
-PROBLEMS: list[tuple[str, str, Callable[[Adapter], float], frozenset[str]]] = [
-    ("radar", "a straight course seen by a radar", partial(_off_balance, _radar), frozenset({"angles"})),
-    ("turn", "a turning target seen by a radar", partial(_off_balance, _turn), frozenset({"angles"})),
-    ("pendulum", "a pendulum seen from above", partial(_off_balance, _pendulum), frozenset()),
-    ("beacons", "ranges to three beacons", partial(_off_balance, _beacons), frozenset()),
+PROBLEMS: list[tuple[str, str, Callable[[Adapter], float]]] = [
+    ("radar", "a straight course seen by a radar", partial(_off_balance, _radar)),
+    ("turn", "a turning target seen by a radar", partial(_off_balance, _turn)),
+    ("pendulum", "a pendulum seen from above", partial(_off_balance, _pendulum)),
+    ("beacons", "ranges to three beacons", partial(_off_balance, _beacons)),
 ]

@@ -52,7 +52,7 @@ _ALL = [
     Law("moments 5", "The mean of a polynomial of degree five and the covariance of a quadratic one are exact "
         "(relative).", moments.quintic, 1e-10, degree=5),
     *(Law(f"honest: {name}", f"On {about}, mean squared errors are what the covariance says: the larger of ANEES / n "
-          "and its inverse.", measure, 1.5, needs) for name, about, measure, needs in honest.PROBLEMS),
+          "and its inverse.", measure, 1.5) for name, about, measure in honest.PROBLEMS),
 ]  # fmt: skip
 
 LAWS = {law.name: law for law in _ALL}

@@ -1,5 +1,6 @@
 """Our own filters as adapters."""
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,19 +11,23 @@ from sigmax.models import Gaussian, Model, angle
 from sigmax.running import Live
 
 
+@lru_cache(maxsize=4)
+def _model(task: Task) -> Model:
+    import jax.numpy as jnp
+
+    return Model(
+        motion=lambda x, dt: task.motion(x, jnp),
+        sensor=lambda x: task.sensor(x, jnp),
+        Q=lambda dt: jnp.asarray(task.Q),
+        R=task.R,
+        state=_named("x", task.state_angles),
+        measurement=_named("z", task.angles),
+    )
+
+
 class _Live:
     def __init__(self, filter: Filter, task: Task, mean: np.ndarray, cov: np.ndarray) -> None:
-        import jax.numpy as jnp
-
-        model = Model(
-            motion=lambda x, dt: task.motion(x, jnp),
-            sensor=lambda x: task.sensor(x, jnp),
-            Q=lambda dt: jnp.asarray(task.Q),
-            R=task.R,
-            state=_named("x", task.state_angles),
-            measurement=_named("z", task.angles),
-        )
-        self._live = Live(filter, model, Gaussian(mean, cov))
+        self._live = Live(filter, _model(task), Gaussian(mean, cov))
 
     mean = property(lambda self: self._live.mean)
     cov = property(lambda self: self._live.cov)

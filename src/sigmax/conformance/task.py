@@ -8,7 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 
-@dataclass(frozen=True)
+# A task is itself and no other: adapters may keep what they compile for it.
+@dataclass(frozen=True, eq=False)
 class Task:
     """A model for one kind of step; nothing but x changes from step to step.
 
