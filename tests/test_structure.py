@@ -24,6 +24,8 @@ ORDER = [
     "models",
     "running",
     "tracking",
+    "filterpy",
+    "conformance",
     "records",
     "serving",
     "stonesoup",

@@ -38,8 +38,7 @@ def _sample() -> Path:
     path = Path(places[0]) / "mpl-data" / "sample_data" / _SAMPLE if places else None
     if path is None or not path.is_file():
         raise InputError(
-            f"the map jacksboro is {_SAMPLE} of the package matplotlib: this one has none; "
-            "give the path of a map"
+            f"the map jacksboro is {_SAMPLE} of the package matplotlib: this one has none; give the path of a map"
         )
     return path
 

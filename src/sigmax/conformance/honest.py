@@ -1,0 +1,99 @@
+"""The law of honesty: over many runs, squared errors are as large as the covariance says.
+
+No angle comes near ±π, so that the law is one for libraries without means for angles too.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sigmax.conformance.task import Adapter, Task
+
+_RUNS, _STEPS = 20, 20
+
+
+class _Problem(NamedTuple):
+    task: Task
+    mean: np.ndarray
+    variances: np.ndarray
+
+
+def _straight(x: Any, xp: Any) -> Any:
+    return xp.stack([x[0] + x[2], x[1] + x[3], x[2], x[3]])
+
+
+def _radar() -> _Problem:
+    """A target on a straight course, range and azimuth."""
+
+    def sensor(x: Any, xp: Any) -> Any:
+        return xp.stack([xp.hypot(x[0], x[1]), xp.arctan2(x[1], x[0])])
+
+    task = Task(_straight, sensor, np.diag([1.0, 1.0, 0.5, 0.5]), np.diag([30.0**2, 0.003**2]))
+    return _Problem(task, np.array([8e3, 6e3, -80.0, 40.0]), np.array([1e4, 1e4, 400.0, 400.0]))
+
+
+def _turn() -> _Problem:
+    """A target that turns, of speed, course and rate of turn; range and azimuth."""
+
+    def motion(x: Any, xp: Any) -> Any:
+        course = x[3] + x[4] / 2
+        return xp.stack([x[0] + x[2] * xp.cos(course), x[1] + x[2] * xp.sin(course), x[2], x[3] + x[4], x[4]])
+
+    def sensor(x: Any, xp: Any) -> Any:
+        return xp.stack([xp.hypot(x[0], x[1]), xp.arctan2(x[1], x[0])])
+
+    task = Task(motion, sensor, np.diag([1.0, 1.0, 1.0, 1e-5, 1e-6]), np.diag([20.0**2, 0.002**2]))
+    return _Problem(task, np.array([9e3, 4e3, 150.0, 1.0, 0.03]), np.array([2500.0, 2500.0, 100.0, 0.01, 1e-4]))
+
+
+def _pendulum() -> _Problem:
+    """A pendulum of which the sideways position is measured (Särkkä 2013, example 5.1)."""
+
+    def motion(x: Any, xp: Any) -> Any:
+        return xp.stack([x[0] + 0.05 * x[1], x[1] - 0.49 * xp.sin(x[0])])
+
+    task = Task(motion, lambda x, xp: xp.sin(x[:1]), np.array([[4e-6, 1.25e-4], [1.25e-4, 5e-3]]), np.diag([0.01]))
+    return _Problem(task, np.array([0.8, 0.0]), np.array([0.04, 0.04]))
+
+
+def _beacons() -> _Problem:
+    """Ranges to three beacons from a moving vehicle."""
+    places = np.array([[0.0, 0.0], [60.0, 0.0], [20.0, 50.0]])
+
+    def sensor(x: Any, xp: Any) -> Any:
+        return xp.stack([xp.hypot(x[0] - a, x[1] - b) for a, b in places])
+
+    task = Task(_straight, sensor, np.diag([0.01, 0.01, 0.02, 0.02]), np.diag([0.25, 0.25, 0.25]))
+    return _Problem(task, np.array([15.0, 20.0, 1.0, 0.5]), np.array([9.0, 9.0, 0.25, 0.25]))
+
+
+def _off_balance(problem: Callable[[], _Problem], adapter: Adapter) -> float:
+    """The larger of r and 1/r, r = mean of eᵀ P⁻¹ e / n over runs and steps; the same draws for everyone."""
+    task, start, variances = problem()
+    rng = np.random.default_rng(11)
+    n, m = len(start), len(task.R)
+    cov = np.diag(variances)
+    Lq, Lr = np.linalg.cholesky(task.Q), np.linalg.cholesky(task.R)
+    nees = []
+    for _ in range(_RUNS):
+        x = start + np.sqrt(variances) * rng.standard_normal(n)
+        running = adapter.start(task, start.copy(), cov.copy())
+        for _ in range(_STEPS):
+            x = task.f(x) + Lq @ rng.standard_normal(n)
+            z = task.h(x) + Lr @ rng.standard_normal(m)
+            running.predict()
+            running.update(z)
+            error = np.ravel(np.asarray(running.mean, float)) - x
+            nees.append(error @ np.linalg.solve(np.asarray(running.cov, float), error) / n)
+    ratio = float(np.mean(nees))
+    return max(ratio, 1 / ratio) if ratio > 0 else float("inf")
+
+
+PROBLEMS: list[tuple[str, str, Callable[[Adapter], float]]] = [
+    ("radar", "a straight course seen by a radar", partial(_off_balance, _radar)),
+    ("turn", "a turning target seen by a radar", partial(_off_balance, _turn)),
+    ("pendulum", "a pendulum seen from above", partial(_off_balance, _pendulum)),
+    ("beacons", "ranges to three beacons", partial(_off_balance, _beacons)),
+]

@@ -1,0 +1,58 @@
+"""The laws: what must hold for every filter, each a function from an implementation to one figure."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sigmax.conformance import angular, honest, linear, moments
+from sigmax.conformance.task import Adapter
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law and how far from it one may be.
+
+    Attributes:
+        name: one or two words.
+        says: the law, in a sentence, with the unit of the figure.
+        measure: the figure of an implementation.
+        allowed: the largest figure with which the law is kept.
+        needs: what an implementation has to offer for the law to apply.
+        degree: to which its means have to be exact for the law to apply.
+    """
+
+    name: str
+    says: str
+    measure: Callable[[Adapter], float]
+    allowed: float
+    needs: frozenset[str] = frozenset()
+    degree: int = 1
+
+
+_ALL = [
+    Law("linear", "On a linear model with full matrices it is the Kalman filter (standard deviations).",
+        linear.plain, 1e-7),
+    Law("offset", "The same with a state near 1e7 (standard deviations).", linear.offset, 1e-5),
+    Law("stiff R", "The same with variances of the sensor of 1e-12; still positive definite "
+        "(standard deviations).", linear.stiff, 0.01),
+    Law("Q = 0", "The same without noise of the motion (standard deviations).", linear.driftless, 1e-7),
+    Law("order", "Two measurements at one moment, either order, are two measurements (standard deviations).",
+        linear.order, 1e-7),
+    Law("missing", "A missing measurement changes nothing (standard deviations).", linear.missing, 1e-7,
+        frozenset({"missing"})),
+    Law("partly missing", "Of a measurement with a missing component the other one counts (standard deviations).",
+        linear.partly_missing, 1e-7, frozenset({"partly missing"})),
+    Law("long run", "After 1000 steps it still is the Kalman filter, its covariance symmetric (standard deviations).",
+        linear.long_run, 1e-7),
+    Law("rotation", "With an angle in the state, turning the scene turns the answer (standard deviations).",
+        angular.rotation, 1e-7, frozenset({"angles"})),
+    Law("bearing at π", "A target seen at ±π is tracked like one seen at 0 (standard deviations).",
+        angular.bearing, 1e-7, frozenset({"angles"})),
+    Law("moments 3", "The mean of a cubic polynomial of a Gaussian is exact (relative).", moments.cubic, 1e-10,
+        degree=3),
+    Law("moments 5", "The mean of a polynomial of degree five and the covariance of a quadratic one are exact "
+        "(relative).", moments.quintic, 1e-10, degree=5),
+    *(Law(f"honest: {name}", f"On {about}, mean squared errors are what the covariance says: the larger of ANEES / n "
+          "and its inverse.", measure, 1.5) for name, about, measure in honest.PROBLEMS),
+]  # fmt: skip
+
+LAWS = {law.name: law for law in _ALL}

@@ -1,0 +1,142 @@
+"""What FilterPy's filters have in common: the attributes, and a factor that follows P."""
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from sigmax.errors import InputError
+from sigmax.filterpy import steps
+
+_FLOOR = sys.float_info.min
+
+
+class Base:
+    """State, noise and the results of the last measurement, by FilterPy's names.
+
+    Attributes:
+        x: the state (n,) or (n, 1), whichever it was given as.
+        P: its covariance (n, n).
+        Q: covariance of the motion's noise over a step (n, n).
+        R: covariance of the sensor's noise (m, m).
+        x_prior, P_prior: after the last prediction.
+        x_post, P_post: after the last measurement.
+        z: the last measurement, None where it was missing.
+        y: innovation, NaN where a component was missing.
+        S: covariance of the innovation, of the components that were there.
+        K: gain (n, m).
+    """
+
+    def __init__(self, dim_x: int, dim_z: int, column: bool) -> None:
+        if dim_x < 1 or dim_z < 1:
+            raise InputError(f"dim_x and dim_z must be 1 or more; they are {dim_x} and {dim_z}")
+        self.dim_x, self.dim_z = dim_x, dim_z
+        self.x: Any = np.zeros((dim_x, 1) if column else dim_x)
+        self.P: Any = np.eye(dim_x)
+        self.Q: Any = np.eye(dim_x)
+        self.R: Any = np.eye(dim_z)
+        self.K = np.zeros((dim_x, dim_z))
+        self.y = np.zeros((dim_z, 1) if column else dim_z)
+        self.S = np.zeros((dim_z, dim_z))
+        self.z: Any = None
+        self._root: np.ndarray | None = None
+        self._of: np.ndarray | None = None
+        self._whitened: np.ndarray | None = None
+        self._log_likelihood = float(np.log(_FLOOR))
+        self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
+        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+
+    @property
+    def SI(self) -> np.ndarray:
+        """The inverse of S."""
+        return np.linalg.inv(self.S) if self.S.any() else np.zeros_like(self.S)
+
+    @property
+    def inv(self) -> Any:
+        """`numpy.linalg.inv`; nothing is inverted here, so another function is refused."""
+        return np.linalg.inv
+
+    @inv.setter
+    def inv(self, function: Any) -> None:
+        raise InputError(f"inv = {function!r} would have no effect: factors are solved with, no matrix is inverted")
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the last measurement, the logarithm of the density of its innovation."""
+        return self._log_likelihood
+
+    @property
+    def likelihood(self) -> float:
+        """Its exponential, never below the smallest normal number."""
+        return max(float(np.exp(self._log_likelihood)), _FLOOR)
+
+    @property
+    def mahalanobis(self) -> float | None:
+        """The length of the last innovation in its own standard deviations."""
+        return None if self._whitened is None else float(np.linalg.norm(self._whitened))
+
+    def __repr__(self) -> str:
+        shown = ("x", "P", "Q", "R", "y", "S", "K", "log_likelihood", "mahalanobis")
+        return "\n".join([f"{type(self).__name__}", *(f"{name} = {getattr(self, name)}" for name in shown)])
+
+    def _factor(self) -> np.ndarray:
+        """The factor of P: the one that made P, or a new one where P was set by the user."""
+        P = np.asarray(self.P, float)
+        if self._root is None or self._of is None or not np.array_equal(P, self._of):
+            self._root, self._of = steps.factor(np.atleast_2d(P)), P.copy()
+        return self._root
+
+    def _hold(self, x: np.ndarray, S: np.ndarray) -> None:
+        self.x = x.reshape(np.shape(self.x))
+        self.P = S @ S.T
+        self._root, self._of = S, self.P.copy()
+
+    def _predicted(self, x: np.ndarray, S: np.ndarray) -> None:
+        self._hold(x, S)
+        self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
+
+    def _updated(self, z: Any) -> None:
+        self.z = z
+        self.x_post, self.P_post = np.copy(self.x), np.copy(self.P)
+
+    def _correct(self, z: Any, y: np.ndarray, line: steps.Line, R: Any, add: Any = np.add) -> None:
+        """Correct with the innovation y (m,), components that are NaN left out."""
+        m = len(y)
+        seen = ~np.isnan(y)
+        if not seen.any():
+            self._updated(None)
+            return
+        noise = matrix("R", R, m)[np.ix_(seen, seen)]
+        made = steps.correct(self._factor(), steps.Line(*(part[seen] for part in line)), noise, y[seen])
+        shift = made.gain @ y[seen]
+        self._hold(np.asarray(add(np.ravel(self.x), shift), float), made.factor)
+        self.y = y.reshape(-1, 1) if np.ndim(self.x) == 2 else y
+        self.K = np.zeros((self.dim_x, m))
+        self.K[:, seen] = made.gain
+        self.S = np.full((m, m), np.nan)
+        self.S[np.ix_(seen, seen)] = made.innovation_factor @ made.innovation_factor.T
+        self._whitened = made.whitened
+        determinant = np.log(np.diag(made.innovation_factor)).sum()
+        self._log_likelihood = float(
+            -0.5 * (made.whitened @ made.whitened + seen.sum() * np.log(2 * np.pi)) - determinant
+        )
+        self._updated(np.copy(z))
+
+
+def matrix(name: str, given: Any, n: int) -> np.ndarray:
+    """A covariance (n, n), from one or from a variance.
+
+    Raises:
+        InputError: for any other shape.
+    """
+    value = np.asarray(given, float)
+    if value.size == 1:
+        return np.eye(n) * value.item()
+    if value.shape != (n, n):
+        raise InputError(f"{name} must be a number or a covariance of shape {(n, n)}; it has the shape {value.shape}")
+    return value
+
+
+def tuple_of(arguments: Any) -> tuple[Any, ...]:
+    """Further arguments of a callback, given as a tuple or as the only one."""
+    return arguments if isinstance(arguments, tuple) else (arguments,)

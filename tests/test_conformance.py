@@ -1,0 +1,120 @@
+"""The conformance kit: ours keeps every law, and a fault put in on purpose breaks the law that is about it."""
+
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sigmax.conformance import LAWS, Adapter, check, own
+
+ROOT = Path(__file__).parent.parent
+
+
+class Extended:
+    """An extended filter in ten lines, with places for faults."""
+
+    def __init__(self, task, mean, cov, forget=(), jitter=0.0, plain=False):
+        self.task, self.mean, self.cov = task, mean, cov
+        self.forget, self.jitter, self.plain = forget, jitter, plain
+
+    def predict(self):
+        F = self.task.jacobians[0](self.mean)
+        self.mean = self.task.f(self.mean)
+        self.cov = F @ self.cov @ F.T + (0 if "Q" in self.forget else self.task.Q)
+
+    def update(self, z):
+        seen = ~np.isnan(z)
+        if "missing" in self.forget:
+            z, seen = np.nan_to_num(z), np.full(len(z), True)
+        H = self.task.jacobians[1](self.mean)[seen]
+        R = self.task.R[np.ix_(seen, seen)] + self.jitter * np.eye(seen.sum())
+        K = np.linalg.solve(H @ self.cov @ H.T + R, H @ self.cov).T
+        y = z - self.task.h(self.mean)
+        self.mean = self.mean + K @ (y if self.plain else self.task.wrapped(y))[seen]
+        J = np.eye(len(self.mean)) - K @ H
+        self.cov = J @ self.cov @ J.T + K @ R @ K.T
+
+
+def faulty(**faults):
+    return Adapter("faulty", lambda *given: Extended(*given, **faults), degree=1)
+
+
+def broken(adapter, laws):
+    return [o.law.name for o in check(adapter, laws) if o.applies and not o.kept]
+
+
+EXACT = ["linear", "offset", "stiff R", "Q = 0", "order", "missing", "partly missing", "rotation", "bearing at π"]
+
+
+def test_a_sound_filter_keeps_the_laws():
+    assert broken(faulty(), [*EXACT, "honest: beacons"]) == []
+
+
+@pytest.mark.parametrize(
+    ("faults", "expected"),
+    [
+        ({"forget": ("Q",)}, {"linear", "offset", "stiff R", "order", "missing", "partly missing"}),
+        ({"forget": ("missing",)}, {"missing", "partly missing"}),
+        ({"plain": True}, {"bearing at π"}),
+    ],
+    ids=["no Q", "missing taken for zero", "no angles"],
+)
+def test_a_fault_breaks_the_laws_that_are_about_it(faults, expected):
+    assert set(broken(faulty(**faults), EXACT)) == expected
+
+
+def test_overconfidence_is_not_honest():
+    def start(task, mean, cov):
+        return Extended(task, mean, cov, jitter=-0.6 * task.R[0, 0])
+
+    assert broken(Adapter("sure", start, degree=1), ["honest: beacons"]) == ["honest: beacons"]
+
+
+def test_an_exception_and_a_number_that_is_none_are_broken_laws():
+    def start(task, mean, cov):
+        raise RuntimeError("no such filter")
+
+    (outcome,) = check(Adapter("none", start), ["linear"])
+    assert not outcome.kept
+    assert "no such filter" in outcome.note
+    (outcome,) = check(faulty(jitter=np.nan), ["linear"])
+    assert not outcome.kept
+
+
+def test_a_law_that_does_not_apply_is_neither_kept_nor_broken():
+    plain = Adapter("plain", Extended, degree=1, offers=frozenset())
+    for outcome in check(plain, ["bearing at π", "partly missing", "moments 3"]):
+        assert not outcome.applies
+        assert not outcome.kept
+
+
+def test_ours_keeps_the_laws():
+    """One compiled filter on the laws that share a model; all filters, all laws in the slow test."""
+    assert broken(own("SRCKF"), ["linear", "offset", "missing", "partly missing", "bearing at π", "moments 3"]) == []
+
+
+@pytest.mark.parametrize("module", ["filterpy.kalman", "sigmax.filterpy"])
+def test_filterpys_adapter(module, monkeypatch):
+    if module.startswith("filterpy") and find_spec("filterpy") is None:
+        pytest.skip("FilterPy is not installed")
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    from conforming.filterpy import of_module
+
+    found = {a.name[-3:]: broken(a, ["linear", "moments 3"]) for a in of_module("x", module, "")}
+    theirs = module.startswith("filterpy")
+    assert found == {"EKF": [], "UKF": [], "CKF": ["linear"] if theirs else []}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "degree"), [("SREKF", 1), ("SRUKFB", 3), ("SRECKFB", 1), ("SRHCKF", 5)])
+def test_ours_keeps_all_laws(name, degree):
+    assert broken(own(name, degree), LAWS) == []
+
+
+def test_the_command_says_what_it_measured():
+    command = [sys.executable, "benchmarks/conformance.py", "sigmax.filterpy EKF", "linear", "--jobs", "1"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("sigmax.filterpy EKF: linear: kept")
