@@ -222,3 +222,15 @@ def test_a_named_compiler_is_taken_with_its_arguments(monkeypatch):
 def test_the_cache_is_where_the_environment_says(monkeypatch, tmp_path):
     monkeypatch.setenv("SIGMAX_CACHE", str(tmp_path / "there"))
     assert build.cache_folder() == tmp_path / "there"
+
+
+def test_a_step_that_no_compiler_would_get_through_is_left_to_xla(monkeypatch, caplog):
+    monkeypatch.setattr("sigmax.native.driver.LARGEST", 10)
+    monkeypatch.setattr("sigmax.native.driver.remembered", lambda name: None)
+    made = sigmax.builtin("position-cv")
+    model = sigmax.Model(motion=made.model.motion, sensor=made.model.sensors[""], Q=np.eye(4), R=[1.0, 2.0])
+    result = sigmax.run("EKF", model, made.prior, np.zeros((4, 2)))
+    assert result.ok.all()
+    assert "operations, more than 10" in caplog.text
+    with pytest.raises(sigmax.InputError, match="operations, more than 10"):
+        sigmax.run("EKF", model, made.prior, np.zeros((4, 2)), backend="native")

@@ -42,13 +42,18 @@ def pairs(every):
     fitting = [
         (f, m)
         for f, m in itertools.product(sigmax.names(), BUILTIN)
-        if (f not in ("KF", "SKF") or builtin(m).linear) and not (f.startswith(("GH", "SRGH")) and m == "radar-ca")
+        if (f not in ("KF", "SKF") or builtin(m).linear)
+        # Three points an axis are thousands in seven axes.
+        and not (f.startswith(("GH", "SRGH")) and builtin(m).model.size > 5)
     ]
     if every:
         return fitting
     models = list(BUILTIN)
-    chosen = {(f, m) for k, f in enumerate(sigmax.names()) for m in [models[k % len(models)]] if (f, m) in fitting}
-    return sorted(chosen | {("KF", "position-cv"), ("SRCKFB", "radar-ct"), ("SREKFB", "rover-beacon")})
+    turned = [(f, models[(k + j) % len(models)]) for k, f in enumerate(sigmax.names()) for j in range(len(models))]
+    # Of degree 5 there are n² points: small models in the quick tests.
+    light = [(f, m) for f, m in turned if (f, m) in fitting and ("HC" not in f or builtin(m).model.size <= 5)]
+    chosen = dict(reversed(light))
+    return sorted({*chosen.items(), ("KF", "position-cv"), ("SRCKFB", "radar-ct"), ("SREKFB", "rover-beacon")})
 
 
 def apart(name, filter):

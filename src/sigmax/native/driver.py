@@ -14,7 +14,8 @@ import numpy as np
 from sigmax.native.build import load, load_all, remember, remembered
 from sigmax.native.emit import lanes_source
 from sigmax.native.machine import cores, lane_bytes, vector_functions
-from sigmax.native.pieces import Program
+from sigmax.native.pieces import LARGEST, Program
+from sigmax.native.refusal import Refused
 
 _DRIVER = Path(__file__).parent / "c" / "record.c"
 
@@ -116,7 +117,10 @@ def steps(
         name = None if fingerprint is None else f"{fingerprint}-{lane_bytes()}-{len(vectors)}-{lanes}"
         known = None if name is None else remembered(name)
         if known is None:
-            known = lanes_source(make(), vectors, lanes)
+            program = make()
+            if program.operations > LARGEST:
+                raise Refused(f"a half-step of {program.operations:,} operations, more than {LARGEST:,}")
+            known = lanes_source(program, vectors, lanes)
             if name is not None:
                 remember(name, known)
         return known

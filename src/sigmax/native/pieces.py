@@ -8,6 +8,8 @@ from sigmax.native.graph import Graph, Node
 
 # Compilers take more than proportionally long over long functions.
 _LONGEST = 700
+# Beyond this a compiler takes minutes and gigabytes, such as over the 3⁷ points of a Gauss–Hermite rule.
+LARGEST = 400_000
 
 
 class Program(NamedTuple):
