@@ -267,6 +267,11 @@ def test_every_sensor_can_be_described(kind: str, tmp_path: Path) -> None:
     write_csv(tmp_path / "d.csv", {name: [0.0, 1.0] for name in ("t", "a", "b", "c", "d")})
     columns, noise, extra = {
         "position": ('x = "a", y = "b"', 'x = "1 m", y = "1 m"', ""),
+        "relative_position": (
+            'x = "a", y = "b"',
+            'x = "1 m", y = "1 m"',
+            'inputs = { platform_x = "c", platform_y = "d" }',
+        ),
         "range_only": ('range = "a"', "range = 1", "origin = [1, 2]"),
         "bearing": ('bearing = { column = "a", unit = "deg" }', 'bearing = "1 deg"', ""),
         "camera_bearing": (

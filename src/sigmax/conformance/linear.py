@@ -36,7 +36,7 @@ class _Linear:
             running.predict()
             for z in measurements:
                 running.update(z)
-            worst = max(worst, _off(running.mean, running.cov, mean, cov))
+            worst = float(np.maximum(worst, _off(running.mean, running.cov, mean, cov)))  # NaN stays
             if np.isnan(worst):
                 break
         return worst
@@ -96,7 +96,7 @@ def order(adapter: Adapter) -> float:
     """Two measurements before each prediction, in both orders, against the exact answer."""
     p = _Linear()
     pairs = [[a, b] for a, b in zip(p.z, p.z[::-1], strict=True)]
-    return max(p.gap(adapter, pairs), p.gap(adapter, [pair[::-1] for pair in pairs]))
+    return float(np.maximum(p.gap(adapter, pairs), p.gap(adapter, [pair[::-1] for pair in pairs])))
 
 
 def missing(adapter: Adapter) -> float:

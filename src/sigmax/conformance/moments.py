@@ -51,4 +51,6 @@ def quintic(adapter: Adapter) -> float:
     exact, _ = _expected(g)
     _, cov = _predicted(adapter, q)
     _, spread = _expected(q)
-    return float(max(np.max(np.abs(mean - exact) / np.abs(exact)), np.max(np.abs(cov - spread) / np.abs(spread))))
+    return float(
+        np.maximum(np.max(np.abs(mean - exact) / np.abs(exact)), np.max(np.abs(cov - spread) / np.abs(spread)))
+    )

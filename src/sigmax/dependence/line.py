@@ -152,7 +152,7 @@ def straightened(closed: ClosedJaxpr) -> Line:
         constants[place] = value
         return place
 
-    def walk(jaxpr: Jaxpr, consts: Sequence[Any], arguments: Sequence[int]) -> list[int]:
+    def walk(jaxpr: Jaxpr, consts: Sequence[Any], arguments: Sequence[int], source: Any = None) -> list[int]:
         known = dict(zip(jaxpr.constvars, map(constant, consts), strict=True))
         known |= zip(jaxpr.invars, arguments, strict=True)
 
@@ -163,10 +163,12 @@ def straightened(closed: ClosedJaxpr) -> Line:
             inputs = [place(v) for v in equation.invars]
             inner = equation.params.get("jaxpr") if equation.primitive.name in _INLINED else None
             if isinstance(inner, ClosedJaxpr):
-                outputs = walk(inner.jaxpr, inner.consts, inputs)
+                outputs = walk(inner.jaxpr, inner.consts, inputs, source or equation.source_info)
             else:
                 outputs = [next(numbers) for _ in equation.outvars]
-                calls.append(Call(equation, tuple(inputs), tuple(outputs)))
+                # Of a function that was traced before, the equations know the line of its first caller alone.
+                told = equation if source is None else equation.replace(source_info=source)
+                calls.append(Call(told, tuple(inputs), tuple(outputs)))
             known |= zip(equation.outvars, outputs, strict=True)
         return [place(v) for v in jaxpr.outvars]
 
