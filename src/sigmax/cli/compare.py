@@ -6,9 +6,9 @@ from pathlib import Path
 import joblib
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from sigmax.cli.progress import progress_on
 from sigmax.errors import InputError
 from sigmax.reports.comparison import Standing, files, standings, verdict, write
 from sigmax.reports.folder import check_folder
@@ -45,15 +45,8 @@ def compare_study(
     folder = out if out is not None else Path("runs") / (studies[0].name if len(studies) == 1 else name)
     names = [study.name for study in studies]
     check_folder(folder, files(names), FILE if len(studies) == 1 else "summary.json")
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
     done: list[Comparison] = []
-    with Progress(*columns, console=errors, transient=True) as progress, _on(cluster, workers):
+    with progress_on(errors) as progress, _on(cluster, workers):
         task = progress.add_task("", total=None)
         for study, these in zip(studies, chosen, strict=True):
 

@@ -8,10 +8,10 @@ from types import FrameType
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from sigmax.cli.plots import track_plots
+from sigmax.cli.progress import progress_on
 from sigmax.records import Outcome, Record, check, load, load_plots, parse_trial, track
 from sigmax.reports import Grade, Score, check_folder, grade, score, verdict, write
 from sigmax.reports.verdict import nis_in_words, significant
@@ -40,14 +40,7 @@ def track_record(name: str | Record, filters: Sequence[str], out: Path | None, d
         check_folder(folder)
         check(record, trials)
     outcomes: list[Outcome] = []
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    with _interruptible() as heed, Progress(*columns, console=errors, transient=True) as progress:
+    with _interruptible() as heed, progress_on(errors) as progress:
         task = progress.add_task("", total=len(trials))
         for trial in trials:
             progress.update(task, description=escape(f"{record.name}: {record.label(trial)}"))

@@ -115,6 +115,13 @@ def histogram(bins: np.ndarray, scale: float, reach: float, count: int = 41) -> 
     return np.diff(below) / (bins.sum() * np.diff(edges)), edges
 
 
+def claimed_density(x: np.ndarray, deviation: float) -> np.ndarray:
+    """The Gaussian that a filter claims at errors x, 0 where it claims to be exact."""
+    if not deviation > 0:
+        return np.zeros_like(x)
+    return np.exp(-0.5 * (x / deviation) ** 2) / (deviation * np.sqrt(2 * np.pi))
+
+
 def distance(rmse: np.ndarray, reference: np.ndarray) -> float:
     """How much larger errors are than those of a reference, as a mean ratio over times and components.
 

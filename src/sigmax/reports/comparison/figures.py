@@ -8,7 +8,7 @@ from sigmax.reports.comparison.standing import Standing
 from sigmax.reports.figures.draw import INK, MUTED, TRUTH, Figure, colour, line, pale, plain, safe
 from sigmax.reports.thin import stride
 from sigmax.studies import Comparison, Measures
-from sigmax.studies.measures import histogram
+from sigmax.studies.measures import claimed_density, histogram
 
 _POINTS = 250
 _DASHES = ("solid", "dash", "dot", "dashdot")
@@ -141,10 +141,7 @@ def histogram_figures(c: Comparison) -> dict[str, Figure]:
                     continue
                 density, edges = histogram(s.bins[t, i], float(c.by.scale[t, i]), reach)
                 x = np.linspace(-reach, reach, 121)
-                if claimed > 0:
-                    bell = np.exp(-0.5 * (x / claimed) ** 2) / (claimed * np.sqrt(2 * np.pi))
-                else:
-                    bell = np.zeros_like(x)
+                bell = claimed_density(x, claimed)
                 made[f"histogram/{k}/{i}/{t}"] = {
                     "data": [
                         {

@@ -13,7 +13,7 @@ import numpy as np
 from sigmax.reports.comparison.figures import label, shade, shown_unit
 from sigmax.reports.comparison.standing import Standing
 from sigmax.studies import Comparison
-from sigmax.studies.measures import histogram
+from sigmax.studies.measures import claimed_density, histogram
 
 _STYLES = ("-", "--", ":", "-.")
 
@@ -91,8 +91,7 @@ def _histograms(c: Comparison) -> Any:
             ax.stairs(density / factor, factor * edges, fill=True, color=shade(c, name), alpha=0.5)
             x = np.linspace(-reach, reach, 200)
             if claimed > 0:
-                bell = np.exp(-0.5 * (x / claimed) ** 2) / (claimed * np.sqrt(2 * np.pi))
-                ax.plot(factor * x, bell / factor, "k", linewidth=0.9)
+                ax.plot(factor * x, claimed_density(x, claimed) / factor, "k", linewidth=0.9)
             ax.set_yticks([])
             ax.tick_params(labelsize=7)
             if row is axes[0]:
