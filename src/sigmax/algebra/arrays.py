@@ -80,6 +80,14 @@ def wrap(difference: jax.Array, angular: Sequence[bool]) -> jax.Array:
     return difference - period * jnp.round(difference * turns)
 
 
+def wrapped(difference: np.ndarray, angular: Sequence[bool] | np.ndarray) -> np.ndarray:
+    """NumPy differences (…, m), the batch first, with the components that are angles brought into [-π, π]."""
+    if not any(angular):
+        return difference
+    turns = np.where(angular, np.round(difference / TWO_PI), 0.0)
+    return difference - TWO_PI * turns
+
+
 class Lifted:
     """A function written for one x (n,), for x (n, ..., B), that still tells what it was made of.
 

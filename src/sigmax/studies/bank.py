@@ -3,12 +3,13 @@
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.algebra.arrays import wrapped
 from sigmax.models import Gaussian
 from sigmax.running.mapped import mapped
 from sigmax.running.run import run
 from sigmax.studies.simulate import Drawn, root_of
 from sigmax.studies.study import Study
-from sigmax.studies.sums import Estimated, wrapped
+from sigmax.studies.sums import Estimated
 
 # The filter of each member, and the numbers that their covariances may take at once.
 _MEMBER, _ROOM = "SRCKFB", 12_000_000

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import times, wrap
+from sigmax.algebra.arrays import times, wrap, wrapped
 from sigmax.algebra.factor import cholesky, dense, inverse_lower, solve_lower, square
 from sigmax.models import Model
 from sigmax.models.evaluate import motion_noise, moving, noise_roots, sensing, sensor_noise
@@ -16,7 +16,7 @@ from sigmax.running.mapped import mapped
 from sigmax.running.step import Fault
 from sigmax.studies.simulate import Drawn, mover, root_of, sizes
 from sigmax.studies.study import Study
-from sigmax.studies.sums import Estimated, wrapped
+from sigmax.studies.sums import Estimated
 
 # Rows of particles that are moved in one call; and how many times more there are for the first measurement, of
 # which a wide prior leaves few.

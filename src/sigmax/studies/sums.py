@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sigmax.algebra.arrays import TWO_PI
+from sigmax.algebra.arrays import wrapped
 from sigmax.running.step import Fault
 
 # Why a run is lost; the first that applies counts.
@@ -91,11 +91,6 @@ class Sums(NamedTuple):
     def plus(self, other: "Sums") -> "Sums":
         """The sums of both."""
         return Sums(*(a + b for a, b in zip(self, other, strict=True)))
-
-
-def wrapped(difference: np.ndarray, angular: np.ndarray) -> np.ndarray:
-    """Differences (…, n), angles in [-π, π]."""
-    return difference - np.where(angular, TWO_PI, 0.0) * np.round(difference / TWO_PI)
 
 
 def bin_edges(scale: np.ndarray) -> np.ndarray:

@@ -8,10 +8,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
-from sigmax.algebra.arrays import TWO_PI
+from sigmax.algebra.arrays import TWO_PI, wrapped
 from sigmax.native.machine import cores
 from sigmax.tracking.detector import Scan
-from sigmax.tracking.mixture import wrapped
 from sigmax.tracking.modes import Beliefs, Corrections, Modes
 
 

@@ -4,15 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sigmax.algebra.arrays import TWO_PI
-
-
-def wrapped(difference: np.ndarray, angular: Sequence[bool]) -> np.ndarray:
-    """Differences (…, m) with the components that are angles brought into [-π, π]."""
-    if not any(angular):
-        return difference
-    turns = np.where(angular, np.round(difference / TWO_PI), 0.0)
-    return difference - TWO_PI * turns
+from sigmax.algebra.arrays import wrapped
 
 
 def merged(
