@@ -35,7 +35,7 @@ def compiled(function, *sizes, alone=False):
         rows = np.ascontiguousarray(rows)
         made = np.empty((len(rows), len(program.outputs["made"])))
         job = Rows(step.address, pointer(constants), series(rows, 1, True, False), made.shape[1], pointer(made))
-        over_cores(driver(False)["rows"], job, len(rows), False)
+        over_cores(driver(False, alone)["rows"], job, len(rows), False)
         return made
 
     return call

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import platformdirs
 
-from sigmax.native.machine import compiler, cores, lane_bytes, processor
+from sigmax.native.machine import NARROWEST, compiler, cores, lane_bytes, processor
 
 # Without errno and traps compilers may use vector instructions; NaN and infinity keep their meaning.
 _FLAGS = (
@@ -70,18 +70,19 @@ def _foundation() -> bytes:
 
 
 @cache
-def load(source: str, single: bool, straight: bool) -> ctypes.CDLL:
+def load(source: str, single: bool, straight: bool, alone: bool) -> ctypes.CDLL:
     """The library made from C source that includes lanes.h: from this process, the cache or the compiler.
 
-    `single` makes R a float; `straight` says that the source is a straight line.
+    `single` makes R a float; `straight` says that the source is a straight line; `alone`, that it is for one track.
 
     Safe beside other processes doing the same; a damaged file in the cache is made again.
 
     Raises:
         Unavailable: without a compiler, or where it fails.
     """
-    settings = (*_optimisation(straight), f"-DSIGMAX_FLOAT={int(single)}", f"-DSIGMAX_BYTES={lane_bytes()}")
-    return ctypes.CDLL(str(built(source, settings)))
+    defined = {"FLOAT": int(single), "BYTES": NARROWEST if alone else lane_bytes(), "WIDE": lane_bytes()}
+    settings = [f"-DSIGMAX_{name}={value}" for name, value in defined.items()]
+    return ctypes.CDLL(str(built(source, (*_optimisation(straight), *settings))))
 
 
 def built(source: str, settings: tuple[str, ...]) -> Path:
@@ -104,7 +105,7 @@ def _optimisation(straight: bool) -> list[str]:
     return [*fused, *(f"-fno-{name}" for name in _IDLE)] if found is not None and found.is_gcc else ["-O1"]
 
 
-def load_all(sources: list[tuple[str, bool, bool]]) -> list[ctypes.CDLL]:
+def load_all(sources: list[tuple[str, bool, bool, bool]]) -> list[ctypes.CDLL]:
     """Several libraries, compiled side by side."""
     with ThreadPoolExecutor(cores()) as pool:
         return list(pool.map(lambda one: load(*one), sources))

@@ -120,13 +120,13 @@ def steps(
             program = make()
             if program.operations > LARGEST:
                 raise Refused(f"a half-step of {program.operations:,} operations, more than {LARGEST:,}")
-            # Around look-ups compilers fuse multiplications otherwise in another order: no packing, the same bits.
-            known = lanes_source(program, vectors, 0 if program.graph.tables else lanes)
+            known = lanes_source(program, vectors, lanes)
             if name is not None:
                 remember(name, known)
         return known
 
-    sources = [(_DRIVER.read_text(), single, False), *((source(*program), single, True) for program in programs)]
+    sources = [(_DRIVER.read_text(), single, False, alone)]
+    sources += [(source(*program), single, True, alone) for program in programs]
     _, *libraries = load_all(sources)
     return [_step(library, np.dtype(np.float32 if single else np.float64)) for library in libraries]
 
@@ -147,9 +147,9 @@ def _step(library: ctypes.CDLL, dtype: np.dtype[Any]) -> Step:
 
 
 @cache
-def driver(single: bool) -> Mapping[str, Any]:
-    """The functions of record.c by name."""
-    library = load(_DRIVER.read_text(), single, straight=False)
+def driver(single: bool, alone: bool = False) -> Mapping[str, Any]:
+    """The functions of record.c by name; `alone` where the steps that they call are."""
+    library = load(_DRIVER.read_text(), single, straight=False, alone=alone)
     made = {}
     for name in ("record", "backwards", "rows", "squares"):
         function = getattr(library, name)

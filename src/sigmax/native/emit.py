@@ -21,8 +21,8 @@ def literal(value: float) -> str:
 def lanes_source(program: Program, vectors: Mapping[str, str], alone: int = 0) -> str:
     """The C of a program; `vectors` names the library's vector functions by operation.
 
-    Where only the first of `alone` lanes is wanted, calls of a vector function that do not wait for each other
-    are made in one, a lane for each. Nothing else differs, so neither does a bit of the first lane.
+    Of a single track, calls of a vector function that do not wait for each other are made in one, each in one of
+    `alone` lanes. Nothing else differs, so neither does a bit.
 
     It defines `constants()`, the number of values that stay the same; `setup(parameters, c)`, which
     computes them; and `step(c, inputs…, outputs…)`.
@@ -32,7 +32,6 @@ def lanes_source(program: Program, vectors: Mapping[str, str], alone: int = 0) -
     kept = list({n.index: n for n in read if n.fixed and not n.known}.values())
     calls = sorted({OPERATIONS[n.operation].calls for n in order if n.operation in OPERATIONS} - {""})
     lines = [
-        *(["#define WANTED 1"] if alone else []),
         '#include "lanes.h"',
         *(_library_function(name, vectors) for name in calls),
     ]
@@ -66,7 +65,7 @@ def _dialect(kept: Sequence[Node], vectors: Mapping[str, str], alone: int) -> Di
         told="v_number({})",
         arrange=lambda work: _calls_side_by_side(work, vectors),
         together=lambda work: _side_by_side(work, vectors, max(alone, 1)),
-        pack=lambda name, nodes, arguments: _packed(name, nodes, arguments, alone),
+        pack=lambda name, nodes, arguments: _packed(name, vectors, nodes, arguments, alone),
     )
 
 
@@ -101,12 +100,13 @@ def _side_by_side(work: Sequence[Node], vectors: Mapping[str, str], most: int) -
 
 
 def _packed(
-    name: str, nodes: Sequence[Node], arguments: Sequence[Sequence[str]], lanes: int
+    name: str, vectors: Mapping[str, str], nodes: Sequence[Node], arguments: Sequence[Sequence[str]], lanes: int
 ) -> tuple[str, Sequence[str]]:
     """One call for several nodes; lanes that are left over repeat the first."""
     every = [*arguments, *[arguments[0]] * (lanes - len(arguments))]
-    packed = [f"(V){{{', '.join(f'({a})[0]' for a in column)}}}" for column in zip(*every, strict=True)]
-    return f"const V {name} = {_spelled(nodes[0], packed)};", [f"K({name}[{i}])" for i in range(len(nodes))]
+    packed = [f"(L){{{', '.join(f'({a})[0]' for a in column)}}}" for column in zip(*every, strict=True)]
+    symbol = vectors[OPERATIONS[nodes[0].operation].calls]
+    return f"const L {name} = {symbol}({', '.join(packed)});", [f"K({name}[{i}])" for i in range(len(nodes))]
 
 
 def _library_function(name: str, vectors: Mapping[str, str]) -> str:

@@ -75,12 +75,16 @@ def processor() -> str:
     return hashlib.sha256(told.encode()).hexdigest()
 
 
+# The width of the vector registers that every processor has.
+NARROWEST = 16
+
+
 @cache
 def lane_bytes() -> int:
     """The width of the widest useful vector registers."""
     if {"avx512f", "avx512dq"} <= features():
         return 64
-    return 32 if "avx2" in features() else 16
+    return 32 if "avx2" in features() else NARROWEST
 
 
 @cache

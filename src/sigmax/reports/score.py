@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.models.noise import takes
@@ -65,7 +65,7 @@ def score(record: Record, outcome: Outcome) -> Score:
     dof = result.dof[real]
     heard = dof > 0
     count, total = int(heard.sum()), int(dof.sum())
-    bounds = (float(chi2.ppf(0.025, total)) / count, float(chi2.ppf(0.975, total)) / count) if count else None
+    bounds = (float(chdtri(total, 0.975)) / count, float(chdtri(total, 0.025)) / count) if count else None
     faults, first = _faults(record, result)
     return Score(
         name=name,

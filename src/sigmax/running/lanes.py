@@ -30,8 +30,7 @@ def started(low: Lowered, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.n
     made = np.empty((count, low.packing.size), low.dtype)
     constants = step.setup(np.zeros(sum(z.size for z in low.zeros) + 1))
     job = Rows(step.address, pointer(constants), series(given, 1, True, False), made.shape[1], pointer(made))
-    single = low.dtype == np.float32
-    over_cores(driver(single)["rows"], job, count, single)
+    over_cores(low.driver["rows"], job, count, low.dtype == np.float32)
     return np.repeat(made, batch, 0) if alone else made
 
 

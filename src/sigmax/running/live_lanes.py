@@ -9,7 +9,7 @@ import numpy as np
 from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.native.calls import ready
-from sigmax.native.driver import Record, Sensor, Squares, driver, pointer, series
+from sigmax.native.driver import Record, Sensor, Squares, pointer, series
 from sigmax.running.lanes import started
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.step import Belief, Innovation
@@ -44,13 +44,11 @@ class LaneState:
         self.rows = started(low, mean, cov, len(mean) if self._batched else 1)
         self.fault = np.zeros(len(self.rows), np.int8)
         self._calls: dict[Any, Callable[..., Any]] = {}
-        single = self.dtype == np.float32
-        self._run = driver(single)["record"]
         tracks = slice(None) if self._batched else 0
         self.read_mean = ready(None, None, len(self.rows), (), (self.rows[tracks, : low.n],), kept=self.rows)
         P, factors = np.empty((len(self.rows), low.n, low.n), self.dtype), self.rows[:, low.n :]
         squaring = Squares(low.n, low.packing.size, 1, pointer(factors), pointer(P))
-        self.read_cov = ready(driver(single)["squares"], squaring, len(P), (), (P[tracks],), kept=factors)
+        self.read_cov = ready(low.driver["squares"], squaring, len(P), (), (P[tracks],), kept=factors)
         self.whole: dict[str | None, Callable[..., Any]] = {
             (s if model.several else None): self._ready(s, size, True, None, None) for s, size in named.items()
         }
@@ -163,4 +161,4 @@ class LaneState:
         outputs = told if self._batched else tuple(a.reshape(a.shape[1:]) for a in told)
         kept = constants, sensors, told, self.rows, self.fault, low
         long = low.packing.size > _MANY
-        return ready(self._run, job, B, (dt, inputs, z), outputs, Innovation if told else None, long, kept)
+        return ready(low.driver["record"], job, B, (dt, inputs, z), outputs, Innovation if told else None, long, kept)

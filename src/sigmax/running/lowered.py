@@ -1,6 +1,6 @@
 """The half-steps of a filter lowered to C and compiled for this machine."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
@@ -12,7 +12,7 @@ from sigmax.filters import Filter
 from sigmax.models.evaluate import noise_roots
 from sigmax.models.model import Model
 from sigmax.native import Graph, Program, evaluate
-from sigmax.native.driver import Step, steps
+from sigmax.native.driver import Step, driver, steps
 from sigmax.native.fingerprint import fingerprint
 from sigmax.native.graph import Array, array_of
 from sigmax.running.packing import Packing
@@ -69,6 +69,11 @@ class Lowered:
             programs = [(self._fingerprint(part), partial(self.program, *part)) for part in missing]
             self._made |= zip(missing, steps(programs, self.dtype == np.float32, self._alone), strict=True)
         return [self._made[part] for part in parts]
+
+    @property
+    def driver(self) -> Mapping[str, Any]:
+        """The functions that call the compiled parts, by name."""
+        return driver(self.dtype == np.float32, self._alone)
 
     def program(self, part: str, *about: Any) -> Program:
         """One part of the filter, lowered: see `need`.

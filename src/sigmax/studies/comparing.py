@@ -13,11 +13,13 @@ from sigmax.studies.comparison import Comparison, Optimum
 from sigmax.studies.cost import Cost, costs
 from sigmax.studies.measures import measures
 from sigmax.studies.progress import FILE, NOTHING, Totals, add, restore, store
-from sigmax.studies.simulate import draw
+from sigmax.studies.simulate import Drawn, draw
 from sigmax.studies.study import Study
 from sigmax.studies.work import CHECK, OPTIMUM, Done, Work, block, estimate
 
 _STORED_EVERY = 5.0  # seconds
+# Seconds: whether so much was spent on compiling is worth a second look.
+_WORTH_TELLING = 0.3
 Report = Callable[[str, int, int], None]
 
 
@@ -139,16 +141,20 @@ def _tried(work: Work, report: Report) -> tuple[dict[str, str], dict[str, float]
     for k, name in enumerate(work.filters):
         report("compiling", k, len(work.filters))
         try:
-            taken = []
-            for _ in range(2):
-                begun = time.perf_counter()
-                estimate(work, name, drawn)
-                taken.append(time.perf_counter() - begun)
-            prepared[name] = max(taken[0] - taken[1], 0.0)
+            taken = [_seconds(work, name, drawn)]
+            if taken[0] > _WORTH_TELLING:
+                taken.append(_seconds(work, name, drawn))
+            prepared[name] = max(taken[0] - taken[-1], 0.0)
         except Exception as error:  # whatever a filter or a user's function raises, the others go on
             failures[name] = str(error) or type(error).__name__
     report("compiling", len(work.filters), len(work.filters))
     return failures, prepared
+
+
+def _seconds(work: Work, name: str, drawn: Drawn) -> float:
+    begun = time.perf_counter()
+    estimate(work, name, drawn)
+    return time.perf_counter() - begun
 
 
 def _costs(work: Work, report: Report) -> dict[str, Cost]:

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri
 
 from sigmax.studies.sums import LOST, Sums, bin_edges
 
@@ -91,7 +91,7 @@ def measures(s: Sums) -> Measures:
 
 def _chi_square(total: np.ndarray, dof: np.ndarray, count: np.ndarray) -> Bounded:
     with np.errstate(invalid="ignore", divide="ignore"):
-        low, high = (stats.chi2.ppf(q, dof) / count for q in (0.025, 0.975))
+        low, high = (chdtri(dof, q) / count for q in (0.975, 0.025))
         return Bounded(total / count, dof / count, low, high)
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from sigmax.algebra.arrays import TWO_PI, wrapped
 from sigmax.native.machine import cores
@@ -65,7 +65,7 @@ def gated(modes: Modes, beliefs: Beliefs, scan: Scan, probability: float) -> Pai
 @cache
 def _quantiles(probability: float, m: int) -> np.ndarray:
     """Of chi-square with 0, 1, … m degrees of freedom."""
-    return np.array([0.0, *(chi2.ppf(probability, i + 1) for i in range(m))])
+    return np.array([0.0, *(chdtri(i + 1, 1 - probability) for i in range(m))])
 
 
 def _near(centre: np.ndarray, half: np.ndarray, z: np.ndarray, angular: Sequence[bool]) -> np.ndarray:

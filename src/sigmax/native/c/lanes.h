@@ -21,10 +21,10 @@ typedef long long I;
 #define BYTES SIGMAX_BYTES
 #define W ((int)(BYTES / sizeof(R)))
 
-/* How many lanes are of interest: the others may hold anything. */
-#ifndef WANTED
-#define WANTED W
-#endif
+/* A single track takes the narrowest registers, in which a division or a root takes half of the time. It is in all
+   lanes. What the vector library takes stays wide: other functions would give other bits. */
+#define NARROW (BYTES < SIGMAX_WIDE)
+typedef R L __attribute__((vector_size(SIGMAX_WIDE), may_alias));
 
 typedef R V __attribute__((vector_size(BYTES), may_alias));
 typedef I B __attribute__((vector_size(BYTES), may_alias)); /* the bits of numbers */
@@ -34,14 +34,13 @@ typedef I B __attribute__((vector_size(BYTES), may_alias)); /* the bits of numbe
 /* One number in all lanes. */
 INLINE V K(R x) { return x - (V){0}; }
 
-#if BYTES == 64
+#if BYTES == 64 || defined(__AVX512VL__)
 #if SIGMAX_FLOAT
 typedef unsigned short M;
-#define ALL ((M)0xffff)
 #else
 typedef unsigned char M;
-#define ALL ((M)0xff)
 #endif
+#define ALL ((M)((1 << W) - 1))
 #define COMPARE(name, predicate)                                                                       \
     INLINE M name(V a, V b) {                                                                          \
         M m;                                                                                           \
@@ -93,7 +92,7 @@ INLINE V v_sign(V a) { return v_select(v_less(K(0), a), K(1), v_select(v_less(a,
         return r;                               \
     }
 
-#if BYTES >= 32
+#ifdef __AVX__
 #if BYTES == 64
 #define ROUNDED "vrndscale" PACKED
 #define REGISTER "v"
@@ -122,9 +121,11 @@ INLINE V v_round(V a) {
     return v_select(v_less(a, K(0)), -size, size);
 }
 
-INLINE V v_look_up(const R *table, V at) {
+/* Apart, for compilers fuse multiplications with additions of the same block alone, and a loop ends it. */
+static __attribute__((noinline)) V v_look_up(const R *table, V at) {
     V r = at;
-    for (int i = 0; i < WANTED; i++) r[i] = table[(long)at[i]];
+    if (NARROW) return K(table[(long)at[0]]);
+    for (int i = 0; i < W; i++) r[i] = table[(long)at[i]];
     return r;
 }
 
@@ -132,20 +133,29 @@ INLINE V v_look_up(const R *table, V at) {
 #define LANE_BY_LANE(name)                                          \
     static __attribute__((noinline)) V v_##name(V a) {              \
         V r = a;                                                    \
-        for (int i = 0; i < WANTED; i++) r[i] = SUFFIX(name)(a[i]); \
+        if (NARROW) return K(SUFFIX(name)(a[0]));                   \
+        for (int i = 0; i < W; i++) r[i] = SUFFIX(name)(a[i]);      \
         return r;                                                   \
     }
 #define LANE_BY_LANE_2(name)                                              \
     static __attribute__((noinline)) V v_##name(V a, V b) {               \
         V r = a;                                                          \
-        for (int i = 0; i < WANTED; i++) r[i] = SUFFIX(name)(a[i], b[i]); \
+        if (NARROW) return K(SUFFIX(name)(a[0], b[0]));                   \
+        for (int i = 0; i < W; i++) r[i] = SUFFIX(name)(a[i], b[i]);      \
         return r;                                                         \
     }
+#if BYTES < SIGMAX_WIDE
+#define WIDENED(a) ((a)[0] - (L){0})
+#define NARROWED(a) K((a)[0])
+#else
+#define WIDENED(a) (a)
+#define NARROWED(a) (a)
+#endif
 #define VECTOR(name, symbol) \
-    V symbol(V);             \
-    INLINE V v_##name(V a) { return symbol(a); }
+    L symbol(L);             \
+    INLINE V v_##name(V a) { return NARROWED(symbol(WIDENED(a))); }
 #define VECTOR_2(name, symbol) \
-    V symbol(V, V);            \
-    INLINE V v_##name(V a, V b) { return symbol(a, b); }
+    L symbol(L, L);            \
+    INLINE V v_##name(V a, V b) { return NARROWED(symbol(WIDENED(a), WIDENED(b))); }
 
 #endif

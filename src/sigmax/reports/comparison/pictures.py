@@ -9,6 +9,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import LogFormatter, MaxNLocator
 
 from sigmax.reports.comparison.figures import label, shade, shown_unit
 from sigmax.reports.comparison.standing import Standing
@@ -31,6 +32,7 @@ def pictures(folder: Path, c: Comparison, found: Sequence[Standing]) -> None:
         for name, draw in drawn.items():
             figure = draw()
             figure.savefig(folder / f"{name}.png", dpi=130)
+            figure.set_layout_engine("none")  # it stays where it was laid out
             figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
             plt.close(figure)
 
@@ -50,7 +52,7 @@ def _rmse(c: Comparison) -> Any:
             ax.plot(c.study.time, factor * c.optimum.check.rmse.value[:, i], "k", linewidth=2, label="optimum")
         if c.bound is not None:
             ax.plot(c.study.time, factor * c.bound[:, i], color="0.6", linestyle=":", linewidth=2, label="bound")
-        ax.set_yscale("log")
+        _logarithmic(ax)
         ax.set_ylabel(label(c, i))
     axes[-1, 0].set_xlabel("time [s]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5, fontsize=8)
@@ -65,7 +67,7 @@ def _consistency(c: Comparison) -> Any:
             with np.errstate(invalid="ignore", divide="ignore"):
                 ax.plot(c.study.time, told.value / told.expected, label=name, **_style(c, name))
         ax.axhline(1.0, color="0.4", linewidth=0.8)
-        ax.set_yscale("log")
+        _logarithmic(ax)
         ax.set_ylabel(f"{which.upper()} / expected")
     axes[-1].set_xlabel("time [s]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5, fontsize=8)
@@ -78,9 +80,13 @@ def _histograms(c: Comparison) -> Any:
     worst = np.array([np.nan_to_num(m.ratio.value[c.by.look], posinf=1e9).max(0) for m in c.measures.values()])
     i = int(worst.max(0).argmax())
     factor, _ = shown_unit(c, i)
-    size = (2.2 * L, 0.8 + 1.3 * len(names))
-    figure, axes = plt.subplots(len(names), L, figsize=size, squeeze=False, layout="constrained")
-    for row, name in zip(axes, names, strict=True):
+    width, height = 2.2 * L, 0.8 + 1.3 * len(names)
+    # Laid out by hand: fitting some seventy small axes to each other takes many seconds.
+    place = {"left": 0.4 / width, "right": 1 - 0.1 / width, "bottom": 0.6 / height, "top": 1 - 0.3 / height}
+    figure, axes = plt.subplots(
+        len(names), L, figsize=(width, height), squeeze=False, gridspec_kw={**place, "wspace": 0.08, "hspace": 0.3}
+    )
+    for at, (row, name) in enumerate(zip(axes, names, strict=True)):
         for t, (ax, step) in enumerate(zip(row, c.by.look, strict=True)):
             m = c.measures[name]
             claimed = float(np.sqrt(m.claimed[step, i, i]))
@@ -93,12 +99,20 @@ def _histograms(c: Comparison) -> Any:
             if claimed > 0:
                 ax.plot(factor * x, claimed_density(x, claimed) / factor, "k", linewidth=0.9)
             ax.set_yticks([])
+            ax.xaxis.set_major_locator(MaxNLocator(3))
             ax.tick_params(labelsize=7)
-            if row is axes[0]:
+            if at == 0:
                 ax.set_title(f"{c.study.time[step]:g} s", fontsize=9)
         row[0].set_ylabel(name, fontsize=8)
-    figure.supxlabel(f"error of {label(c, i)}")
+    figure.supxlabel(f"error of {label(c, i)}", y=0.1 / height)
     return figure
+
+
+def _logarithmic(ax: Any) -> None:
+    """With plain numbers at the ticks: formulas take seconds to set."""
+    ax.set_yscale("log")
+    ax.yaxis.set_major_formatter(LogFormatter())
+    ax.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(1.5, 0.5)))
 
 
 def _trade(c: Comparison, found: Sequence[Standing]) -> Any:
@@ -107,7 +121,7 @@ def _trade(c: Comparison, found: Sequence[Standing]) -> Any:
         if s.distance is not None and s.cost is not None and np.isfinite(s.distance):
             ax.plot(s.cost, s.distance, "o" if s.sound else "x", color=shade(c, s.name), markersize=8)
             ax.annotate(s.name, (s.cost, s.distance), xytext=(6, 4), textcoords="offset points", fontsize=8)
-    ax.set_yscale("log")
+    _logarithmic(ax)
     ax.set_xlabel("cost of a step / EKF")
     ax.set_ylabel("error / error of " + ("the optimum" if c.optimum is not None else "the best"))
     return figure

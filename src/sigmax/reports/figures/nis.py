@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from sigmax.records import Record
 from sigmax.reports.figures.draw import MUTED, Figure, Shown, colour, limit, line, moments, plain, result_of, time_title
@@ -31,7 +31,7 @@ def nis_figure(record: Record, ran: Sequence[Shown]) -> tuple[Figure, int] | Non
         data.append(line(label, moments(record, when[at]), y[at], colour(index), width=1.6))
         if bounds is None:
             few = stride(len(when), 200)
-            edges = [chi2.ppf(q, sums[1][few]) / sums[1][few] for q in (0.975, 0.025)]
+            edges = [chdtri(sums[1][few], q) / sums[1][few] for q in (0.025, 0.975)]
             x = moments(record, when[few])
             band = {"type": "scatter", "x": [*x, *x[::-1]], "y": plain(np.concatenate([edges[0], edges[1][::-1]]))}
             style = {"mode": "lines", "line": {"width": 0}, "fill": "toself", "fillcolor": "rgba(107,119,133,0.2)"}
