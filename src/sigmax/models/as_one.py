@@ -7,7 +7,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import linalg
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.models.bias import Bias
@@ -78,7 +77,7 @@ def _noise(model: Model, blocks: tuple[Block, ...], extra: int) -> Any:
     if not extra and not any(map(callable, own)):
         if all(isinstance(R, Diagonal) for R in own):
             return Diagonal(np.concatenate([R.entries for R in own]))
-        return linalg.block_diag(*map(dense_noise, own))
+        return np.asarray(jax.scipy.linalg.block_diag(*map(dense_noise, own)))
     sizes = tuple(len(b.angular) for b in blocks)
     numbers = tuple(None if b.given or callable(R) else _key(R) for b, R in zip(blocks, own, strict=True))
     functions = tuple(R if callable(R) and not b.given else None for b, R in zip(blocks, own, strict=True))

@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from scipy import optimize
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
@@ -108,7 +107,9 @@ def fit(
         raise InputError(
             f"the log-likelihood at the start is not finite ({'; '.join(faults) or value}); start elsewhere"
         )
-    found = optimize.minimize(evaluate, begin, jac=True, method="L-BFGS-B")
+    from scipy.optimize import minimize  # as long to import as all of this package
+
+    found = minimize(evaluate, begin, jac=True, method="L-BFGS-B")
     best = outside(found.x)
     deviation = _deviations(evaluate, found.x) * unit
     named = unravel(jnp.asarray(deviation))
