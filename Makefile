@@ -14,7 +14,7 @@ $(VENV)/ready: pyproject.toml
 	touch $@
 
 $(VENV)/ready-test: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --editable ".[plaza,terrain,test,docs]"
+	$(BIN)/python -m pip install --quiet --editable ".[plaza,test,docs]"
 	touch $@
 
 $(VENV)/ready-bench: $(VENV)/ready

@@ -1,6 +1,6 @@
 """What the order of the state saves: one linearisation over a map, and whole steps on a radar.
 
-Run it as `python benchmarks/transform.py`; it needs the extra terrain, or a map: `--map FILE`.
+Run it as `python benchmarks/transform.py`; another map by `--map FILE`.
 """
 
 import argparse

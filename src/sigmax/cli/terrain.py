@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sigmax.cli.track import track_record
 from sigmax.records.maps import elevation
-from sigmax.records.terrain import terrain
+from sigmax.records.terrain import middle, terrain
 
 
 def fly(map: str, filters: Sequence[str], out: Path | None, method: str, flights: int, seed: int) -> None:
@@ -14,4 +14,4 @@ def fly(map: str, filters: Sequence[str], out: Path | None, method: str, flights
     Raises:
         InputError: for a map that cannot be read, and whatever else does not fit.
     """
-    track_record(terrain(elevation(map, method), Path(map).stem, seed, flights), filters, out)
+    track_record(terrain(middle(elevation(map, method)), Path(map).stem, seed, flights), filters, out)

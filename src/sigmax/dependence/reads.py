@@ -10,7 +10,7 @@ import numpy as np
 
 from sigmax.dependence.line import Call, Line, straightened
 from sigmax.native import Graph, Refused
-from sigmax.native.graph import Array, Node, array_of, boxed
+from sigmax.native.graph import Array, Node, Table, array_of, boxed
 from sigmax.native.interpret import apply_rule
 from sigmax.native.operations import OPERATIONS
 from sigmax.native.pieces import needed
@@ -149,16 +149,20 @@ def reading(function: Callable[..., Any], n: int, rest: Sequence[Any] = (), dtyp
             made = _hidden(g, call, arrays, masks, hidden, opaque)
         known |= zip(call.outputs, map(boxed, made), strict=True)
     _extend(masks, g, hidden)
-    elements = {place: [masks[node.index] for node in array.flat] for place, array in known.items()}
+    elements = {place: _elements(array, masks) for place, array in known.items()}
     places = {place: _together(found) for place, found in elements.items()}
     carries = {place: _carried(found) for place, found in elements.items()}
-    return Reading(line, n, tuple(known[line.output].flat), masks, places, carries, opaque)
+    return Reading(line, n, tuple(g.opened(known[line.output]).flat), masks, places, carries, opaque)
 
 
 def _known(g: Graph, place: int, value: Any) -> Array:
     if isinstance(value, jax.core.Tracer):
         return g.inputs(f"constant {place}", np.shape(value), True)
     return g.constants(value)
+
+
+def _elements(array: Array, masks: Sequence[Masks]) -> list[Masks]:
+    return [] if isinstance(array, Table) else [masks[node.index] for node in array.flat]
 
 
 def _together(found: Sequence[Masks]) -> Masks:
@@ -186,8 +190,7 @@ def _hidden(
     """What cannot be seen into reads everything it is given, bent."""
     reads = 0
     for array in arrays:
-        for node in array.flat:
-            reads |= masks[node.index].reads
+        reads |= _together(_elements(array, masks)).reads
     made: list[Array] = []
     for place, variable in zip(call.outputs, call.equation.outvars, strict=True):
         nodes = [g.input(f"hidden {place}", i) for i in range(int(np.prod(variable.aval.shape)))]

@@ -14,7 +14,7 @@ import numpy as np
 from sigmax.native.build import load, load_all, remember, remembered
 from sigmax.native.emit import lanes_source
 from sigmax.native.machine import cores, lane_bytes, vector_functions
-from sigmax.native.pieces import LARGEST, Program
+from sigmax.native.pieces import LARGEST, LARGEST_TABLES, Program
 from sigmax.native.refusal import Refused
 
 _DRIVER = Path(__file__).parent / "c" / "record.c"
@@ -120,6 +120,9 @@ def steps(
             program = make()
             if program.operations > LARGEST:
                 raise Refused(f"a half-step of {program.operations:,} operations, more than {LARGEST:,}")
+            numbers = sum(table.size for table in program.graph.tables)
+            if numbers > LARGEST_TABLES:
+                raise Refused(f"a half-step with tables of {numbers:,} numbers, more than {LARGEST_TABLES:,}")
             known = lanes_source(program, vectors, lanes)
             if name is not None:
                 remember(name, known)

@@ -7,9 +7,17 @@ from typing import Any
 import numpy as np
 
 from sigmax.native.operations import OPERATIONS
+from sigmax.native.refusal import Refused
 from sigmax.native.simplify import RULES
 
-Array = Any  # of NumPy, dtype object: nodes
+Array = Any  # of NumPy, dtype object: nodes; or a Table
+
+# Known numbers in greater number are kept as a table, not as nodes: a map has millions.
+_MOST_NODES, _MOST_OPENED = 2048, 1_000_000
+
+
+class Table(np.ndarray):
+    """Known numbers, float64, that stay numbers as long as they are only looked up or moved about."""
 
 
 class Node:
@@ -111,11 +119,28 @@ class Graph:
         return array_of(made).reshape(shape)
 
     def constants(self, values: Any) -> Array:
-        """An array of known numbers."""
-        return boxed(np.frompyfunc(self.constant, 1, 1)(np.asarray(values)))
+        """An array of known numbers, a `Table` where there are many."""
+        given = np.asarray(values)
+        if given.size > _MOST_NODES and given.dtype != bool:
+            return np.ascontiguousarray(given, float).view(Table)
+        return boxed(np.frompyfunc(self.constant, 1, 1)(given))
+
+    def opened(self, array: Array) -> Array:
+        """An array with a node for each number, also of a table.
+
+        Raises:
+            Refused: for a table that is too large for it.
+        """
+        if not isinstance(array, Table):
+            return array
+        if array.size > _MOST_OPENED:
+            raise Refused(f"arithmetic on all of {array.size:,} known numbers cannot be lowered to C")
+        return boxed(np.frompyfunc(self.constant, 1, 1)(array.view(np.ndarray)))
 
     def known_numbers(self, array: Array) -> np.ndarray | None:
         """The numbers of an array of constants, row by row; None where one of them is computed."""
+        if isinstance(array, Table):
+            return self._numbers.setdefault(id(array), (array, array.view(np.ndarray).ravel()))[1]
         if id(array) not in self._numbers:
             known = all(x.operation == "constant" for x in array.flat)
             self._numbers[id(array)] = array, np.array([float(x.value) for x in array.flat]) if known else None

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from sigmax.native.graph import Array, Graph, Node
+from sigmax.native.graph import Array, Graph, Node, Table
 from sigmax.native.interpret import rule
 from sigmax.native.refusal import Refused
 
@@ -25,7 +25,7 @@ def _window(g: Graph, a: Array, starts: Sequence[Node], sizes: Sequence[int]) ->
     """A block of an array that begins at computed places, moved inside where it would stick out."""
     starts = [_clipped(g, s, n - k) for s, n, k in zip(starts, a.shape, sizes, strict=True)]
     if all(s.known for s in starts):
-        return a[tuple(slice(int(s.value), int(s.value) + k) for s, k in zip(starts, sizes, strict=True))]
+        return g.opened(a[tuple(slice(int(s.value), int(s.value) + k) for s, k in zip(starts, sizes, strict=True))])
     out = np.empty(tuple(sizes), dtype=object)
     table = g.known_numbers(a)
     if table is not None:
@@ -36,7 +36,7 @@ def _window(g: Graph, a: Array, starts: Sequence[Node], sizes: Sequence[int]) ->
         for place in np.ndindex(out.shape):
             offset = float(sum(i * s for i, s in zip(place, strides, strict=True)))
             out[place] = g.look_up(table, g.apply("+", first, g.constant(offset)))
-        if a.flat[0].truth:
+        if not isinstance(a, Table) and a.flat[0].truth:
             out = np.frompyfunc(lambda x: g.apply("!=", x, g.constant(0.0)), 1, 1)(out)
         return out
     choices = [[int(s.value)] if s.known else range(n - k + 1) for s, n, k in zip(starts, a.shape, sizes, strict=True)]
@@ -62,7 +62,7 @@ def _all_equal(g: Graph, starts: Sequence[Node], at: Sequence[int]) -> Node:
     return here
 
 
-@rule("dynamic_slice")
+@rule("dynamic_slice", tables=True)
 def _dynamic_slice(g: Graph, equation: Any, a: Array, *starts: Array) -> Array:
     return _window(g, a, [s[()] for s in starts], equation.params["slice_sizes"])
 
@@ -121,9 +121,10 @@ def _starts(
     return starts
 
 
-@rule("gather")
+@rule("gather", tables=True)
 def _gather(g: Graph, equation: Any, a: Array, indices: Array) -> Array:
     d, sizes = equation.params["dimension_numbers"], equation.params["slice_sizes"]
+    indices = g.opened(indices)
     batch = indices.shape[:-1]
     gone = (*d.collapsed_slice_dims, *d.operand_batching_dims)
     kept = [k for i, k in enumerate(sizes) if i not in gone]

@@ -11,16 +11,19 @@ from sigmax.native.refusal import Refused, line_of
 # A rule takes the graph, the equation and its arguments, and gives an array or a list of them.
 Rule = Callable[..., Any]
 RULES: dict[str, Rule] = {}
+# Primitives whose rules take a table as it is.
+_TABLES: set[str] = set()
 
 # Beyond this a straight line takes compilers too long.
 _LARGEST = 1_500_000
 
 
-def rule(*names: str) -> Callable[[Rule], Rule]:
-    """Let a function be the rule of these primitives."""
+def rule(*names: str, tables: bool = False) -> Callable[[Rule], Rule]:
+    """Let a function be the rule of these primitives; with `tables` it takes tables unopened."""
 
     def register(function: Rule) -> Rule:
         RULES.update(dict.fromkeys(names, function))
+        _TABLES.update(names if tables else ())
         return function
 
     return register
@@ -32,7 +35,8 @@ def evaluate(g: Graph, closed: ClosedJaxpr, arguments: Sequence[Array]) -> list[
     Raises:
         Refused: for a primitive that no rule covers, or whose rule refuses it.
     """
-    return evaluate_open(g, closed.jaxpr, [g.constants(c) for c in closed.consts], arguments)
+    made = evaluate_open(g, closed.jaxpr, [g.constants(c) for c in closed.consts], arguments)
+    return [g.opened(array) for array in made]
 
 
 def evaluate_open(g: Graph, jaxpr: Jaxpr, constants: Sequence[Array], arguments: Sequence[Array]) -> list[Array]:
@@ -64,8 +68,9 @@ def apply_rule(g: Graph, equation: Any, arguments: Sequence[Array]) -> list[Arra
     Raises:
         Refused: for a primitive that no rule covers, or whose rule refuses it.
     """
-    found: Rule = RULES.get(equation.primitive.name, _unknown)
-    made: Any = found(g, equation, *arguments)
+    name = equation.primitive.name
+    found: Rule = RULES.get(name, _unknown)
+    made: Any = found(g, equation, *(arguments if name in _TABLES else map(g.opened, arguments)))
     return [boxed(value) for value in (made if equation.primitive.multiple_results else [made])]
 
 

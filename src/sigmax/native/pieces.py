@@ -10,6 +10,8 @@ from sigmax.native.graph import Graph, Node
 _LONGEST = 700
 # Beyond this a compiler takes minutes and gigabytes, such as over the 3⁷ points of a Gauss–Hermite rule.
 LARGEST = 400_000
+# Numbers of its tables, which a compiler reads one by one.
+LARGEST_TABLES = 500_000
 
 
 class Program(NamedTuple):

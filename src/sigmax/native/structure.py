@@ -21,22 +21,22 @@ def _broadcast(g: Graph, equation: Any, a: Array, *_: Array) -> Array:
     return np.broadcast_to(a.reshape(aligned), shape)
 
 
-@rule("reshape")
+@rule("reshape", tables=True)
 def _reshape(g: Graph, equation: Any, a: Array, *_: Array) -> Array:
     return a.reshape(equation.params["new_sizes"])
 
 
-@rule("expand_dims", "squeeze")
+@rule("expand_dims", "squeeze", tables=True)
 def _to_shape(g: Graph, equation: Any, a: Array) -> Array:
     return a.reshape(equation.outvars[0].aval.shape)
 
 
-@rule("transpose")
+@rule("transpose", tables=True)
 def _transpose(g: Graph, equation: Any, a: Array) -> Array:
     return a.transpose(equation.params["permutation"])
 
 
-@rule("rev")
+@rule("rev", tables=True)
 def _rev(g: Graph, equation: Any, a: Array) -> Array:
     return np.flip(a, equation.params["dimensions"])
 
@@ -57,7 +57,7 @@ def _split(g: Graph, equation: Any, a: Array) -> list[Array]:
     return list(np.split(a, places, equation.params["axis"]))
 
 
-@rule("slice")
+@rule("slice", tables=True)
 def _slice(g: Graph, equation: Any, a: Array) -> Array:
     p = equation.params
     strides = p["strides"] or (1,) * a.ndim
@@ -83,13 +83,26 @@ def _iota(g: Graph, equation: Any) -> Array:
     return g.constants(np.broadcast_to(counted, shape))
 
 
-@rule("pjit", "jit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "remat", "checkpoint", "remat2")
+@rule(
+    "pjit",
+    "jit",
+    "closed_call",
+    "core_call",
+    "custom_jvp_call",
+    "custom_vjp_call",
+    "remat",
+    "checkpoint",
+    "remat2",
+    tables=True,
+)
 def _call(g: Graph, equation: Any, *arrays: Array) -> list[Array]:
     p = equation.params
     inner = p.get("jaxpr", p.get("call_jaxpr", p.get("fun_jaxpr")))
     if inner is None:
         raise Refused(f"the call {equation.primitive.name!r}, whose body cannot be seen, cannot be lowered to C")
-    return evaluate(g, inner, arrays) if hasattr(inner, "consts") else evaluate_open(g, inner, [], arrays)
+    if not hasattr(inner, "consts"):
+        return evaluate_open(g, inner, [], arrays)
+    return evaluate_open(g, inner.jaxpr, [g.constants(c) for c in inner.consts], arrays)
 
 
 @rule("cond")

@@ -1,8 +1,8 @@
 """Elevation maps: matplotlib's sample of the Jacksboro fault, an .npz like it, or a GeoTIFF."""
 
 import importlib.util
+import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -60,19 +60,28 @@ def _metres(across: float, along: float, latitude: float) -> tuple[float, float]
 
 
 def _geotiff(path: Path, method: str) -> Elevation:
+    """The first band of a GeoTIFF, its rows and columns along the axes of its coordinates, whichever way they run."""
     try:
         import rasterio
     except ImportError as error:
         raise InputError(f"{path}: GeoTIFF needs the package rasterio: pip install 'sigmax[geotiff]'") from error
     try:
-        with rasterio.open(path) as source:
-            heights = source.read(1, masked=True).astype(float).filled(np.nan)
-            transform, crs, bounds = source.transform, source.crs, source.bounds
+        # What has no place is refused below, in words of ours.
+        with warnings.catch_warnings(), rasterio.open(path) as source:
+            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+            heights = source.read(1, masked=True).astype(float) * source.scales[0] + source.offsets[0]
+            transform, crs = source.transform, source.crs
+            unit = 1.0 if crs is None else float(crs.units_factor[1])
     except rasterio.errors.RasterioError as error:
         raise InputError(f"{path} cannot be read as a GeoTIFF: {error}") from error
-    if transform.b or transform.d or transform.a <= 0 or transform.e >= 0:
-        raise InputError(f"{path} is turned or mirrored; bring it to north up first (gdalwarp)")
-    spacing: tuple[Any, Any] = (transform.a, -transform.e)
-    if crs is not None and crs.is_geographic:
-        spacing = _metres(*spacing, (bounds.top + bounds.bottom) / 2)
-    return Elevation(heights[::-1], (float(spacing[0]), float(spacing[1])), method=method)
+    if crs is None:
+        raise InputError(f"{path} does not say where it lies: give it a coordinate system (gdal_edit -a_srs EPSG:…)")
+    if transform.b or transform.d:
+        raise InputError(f"{path} is turned against its coordinates; bring it to north up first (gdalwarp)")
+    rising = heights.filled(np.nan)[:: -1 if transform.e < 0 else 1, :: -1 if transform.a < 0 else 1]
+    # Of a geographic system the unit is an angle, in radians; of a projected one a length, in metres.
+    across, along = abs(transform.a) * unit, abs(transform.e) * unit
+    if crs.is_geographic:
+        latitude = (transform.f + transform.e * len(rising) / 2) * unit
+        across, along = _metres(*(float(np.degrees(angle)) for angle in (across, along, latitude)))
+    return Elevation(rising, (float(across), float(along)), method=method)

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sigmax.errors import InputError
 from sigmax.models import Elevation, Gaussian, Model, inertial_errors, radio_altimeter
 from sigmax.records.record import Backdrop, Record, parse_trial
 from sigmax.records.units import ACCELERATION, LENGTH, SPEED
@@ -15,9 +16,9 @@ NOISE = {"height": 0.1, "vertical": 0.02, "acceleration": 1e-4, "velocity": 0.02
 # Of the altimeter with the errors of the map, m.
 ALTIMETER = 5.0
 SPEED_OVER_GROUND, CLEARANCE = 120.0, 300.0
-# The flight, as fractions of the map; of large maps the middle is flown over.
+# The flight, as fractions of the map; of large maps the middle is taken, m.
 _CORNERS = np.array([[0.12, 0.15], [0.5, 0.8], [0.85, 0.3]])
-_LARGEST = 40_000.0
+LARGEST = 40_000.0
 TRIALS = ("EKF", "CKF:permute=1", "UKF:permute=1", "SKF:permute=1", "SKF:moireau=1,permute=1", "PF")
 
 
@@ -33,13 +34,34 @@ class Flight(NamedTuple):
     dt: float
 
 
+def middle(ground: Elevation, size: float = LARGEST) -> Elevation:
+    """The middle of a map, `size` metres at most along each side."""
+    kept, origin = [], []
+    for count, step, first in zip(ground.heights.shape[::-1], ground.spacing, ground.origin, strict=True):
+        left_out = max(0, int(np.ceil((count - 1 - size / step) / 2)))
+        kept.append(slice(left_out, count - left_out))
+        origin.append(first + left_out * step)
+    across, along = kept
+    return Elevation(ground.heights[along, across], ground.spacing, (origin[0], origin[1]), ground.method)
+
+
 def flight(ground: Elevation, dt: float = 1.0) -> Flight:
-    """Two legs over a map at constant speed, above its highest point."""
+    """Two legs over a map at constant speed, above its highest point.
+
+    Raises:
+        InputError: for a map that is too small for a flight, or has no heights.
+    """
     (x0, x1), (z0, z1) = ground.extent
-    middle, size = np.array([x0 + x1, z0 + z1]) / 2, np.minimum([x1 - x0, z1 - z0], _LARGEST)
-    corners = middle + (_CORNERS - 0.5) * size
+    if np.isnan(ground.heights).all():
+        raise InputError("the map has no heights: all of them are missing")
+    corners = np.array([x0, z0]) + _CORNERS * [x1 - x0, z1 - z0]
     along = np.r_[0.0, np.hypot(*np.diff(corners, axis=0).T).cumsum()]
     way = np.arange(0.0, along[-1], SPEED_OVER_GROUND * dt)[1:]
+    if len(way) < 2:
+        raise InputError(
+            f"the map is {x1 - x0:.0f} m by {z1 - z0:.0f} m: too small for a flight at {SPEED_OVER_GROUND:g} m/s; are "
+            "its units right?"
+        )
     track = [np.interp(way, along, corners[:, k]) for k in (0, 1)]
     height = np.full(len(way), np.nanmax(ground.heights) + CLEARANCE)
     return Flight(np.column_stack([height, *track]), dt)

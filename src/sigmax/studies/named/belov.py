@@ -8,7 +8,7 @@ from sigmax.dependence import complexity, permutation
 from sigmax.filters import Filter, get
 from sigmax.models import Gaussian
 from sigmax.records.maps import elevation
-from sigmax.records.terrain import START, flight, terrain_model
+from sigmax.records.terrain import START, flight, middle, terrain_model
 from sigmax.rules import SigmaPoints
 from sigmax.running.explain import explain
 from sigmax.studies.study import Study
@@ -31,7 +31,7 @@ def terrain(map: str = "jacksboro", method: str = "bicubic") -> Study:
         map: jacksboro, or the path of an .npz or a GeoTIFF.
         method: bicubic or bilinear.
     """
-    ground = elevation(map, method)
+    ground = middle(elevation(map, method))
     planned = flight(ground)
     model = terrain_model(ground)
     prior = Gaussian(np.zeros(len(START)), np.square(START))
