@@ -59,6 +59,24 @@ class SigmaPoints:
         """What is done with a function of which it is known what it reads."""
         return planned(read, *unit_counts(self.family, self.parameters, read.size), self.permute)
 
+    def evaluations(self, g: Function, n: int, angular: Sequence[bool]) -> int:
+        """How often g is evaluated about a state of n components; derivatives in a direction count as one.
+
+        Of a function of a model, the most often evaluated part of what is sampled; one that is straight altogether
+        is evaluated at the mean and along each column of the factor.
+        """
+        unit = self.points(n)
+        if not isinstance(g, Lifted):
+            return unit.evaluations
+        read = reading(g.function, n, g.single)
+        plan = self.plan(read)
+        if not plan.bent:
+            return 1 + n
+        level = max(plan.level(part.reads) for part in plan.parts)
+        at_mean = not unit.points[grouped(unit.points).first[level], :level].any(1).all()
+        # Angles are differences about the value at the mean.
+        return unit.counts[level] + (not at_mean and any(angular[i] for i in plan.bent))
+
     def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """Evaluate g at the points x̂ + S ξ and regress; angles are differences about a reference."""
         unit = self.points(S.shape[1])

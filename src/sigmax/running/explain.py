@@ -1,28 +1,19 @@
 """What a sigma rule finds in a model: its parts, how often each is evaluated, what the order of the state saves."""
 
-import time
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
-from sigmax.algebra.arrays import Lifted
-from sigmax.algebra.factor import cholesky
 from sigmax.dependence import Plan, complexity, permutation, reading, total_cost, weight_matrix
 from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.native import Graph, Program, Refused, Unavailable, compiler, evaluate
-from sigmax.native.driver import Rows, driver, over_cores, pointer, series, steps
-from sigmax.rules import Rule, SigmaPoints
+from sigmax.rules import SigmaPoints
 from sigmax.running.edge import as_filter
-
-_TRACKS = 1024
-_ROUNDS = 25
+from sigmax.running.linearizing import seconds_of
 
 
 class PartFound(NamedTuple):
@@ -92,8 +83,10 @@ def explain(
         measure: compile the linearisations and take their time.
 
     Raises:
-        InputError: where no rule of the filter uses sigma points.
+        InputError: where no rule of the filter uses sigma points, or the model has a bias.
     """
+    if model.bias is not None:
+        raise InputError("of a model with a bias every point is evaluated as a whole: explain the model without it")
     chosen = as_filter(filter)
     u = [] if inputs is None else [jnp.asarray(inputs, float)]
     tasks: list[tuple[str, SigmaPoints, Callable[..., Any], list[Any], Sequence[bool]]] = []
@@ -140,7 +133,7 @@ def _explained(
         for plan in plans
     ]
     W = weight_matrix(function, n, *rest)
-    seconds = _measured(rules, function, rest, angular, prior) if measure and parts else None
+    seconds = seconds_of(rules, function, rest, angular, prior) if measure and parts else None
     return Explained(
         what,
         str(rules[0]),
@@ -154,106 +147,3 @@ def _explained(
         (complexity(W, unit.elements), complexity(W, unit.elements, permutation(W))),
         seconds,
     )
-
-
-def _measured(
-    rules: Sequence[Rule], function: Callable[..., Any], rest: Sequence[Any], angular: Sequence[bool], prior: Gaussian
-) -> tuple[float, float]:
-    """Seconds for each of two linearisations of one track, the fastest of several rounds in turn.
-
-    On the native engine less the time of a program that reads and writes the same rows and computes nothing.
-    """
-    mean = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0], float)
-    cov = np.asarray(prior.cov if prior.cov.ndim == 2 else prior.cov[0], float)
-    factor = np.asarray(cholesky(jnp.asarray(cov))[0])
-    rng = np.random.default_rng(0)
-    x = mean + rng.standard_normal((_TRACKS, len(mean))) @ factor.T
-    # A factor as a filter has it: all components correlated.
-    mixing = np.tril(rng.uniform(-0.3, 0.3, (_TRACKS, *factor.shape)), -1) + np.eye(len(mean))
-    S = np.diagonal(factor)[:, None] * mixing + (factor - np.diag(np.diagonal(factor)))
-    runs: Sequence[tuple[Callable[[], None], Callable[[], None] | None]]
-    try:
-        if compiler() is None:
-            raise Unavailable("there is no C compiler")
-        runs = _native(rules, function, rest, angular, x, S)
-    except (Refused, Unavailable):
-        runs = [(_on_xla(rule, function, rest, angular, x, S), None) for rule in rules]
-
-    def taken(run: Callable[[], None] | None) -> float:
-        start = time.perf_counter()
-        if run is not None:
-            run()
-        return time.perf_counter() - start
-
-    rounds = [[[taken(run) for run in pair] for pair in runs] for _ in range(_ROUNDS)]
-    (whole, idle), (less, idle_too) = np.min(rounds, axis=0) / _TRACKS
-    return float(whole - idle), float(less - idle_too)
-
-
-def _native(
-    rules: Sequence[Rule], function: Any, rest: Sequence[Any], angular: Sequence[bool], x: np.ndarray, S: np.ndarray
-) -> list[tuple[Callable[[], None], Callable[[], None]]]:
-    """Each linearisation, and a program of the same rows that computes nothing."""
-    n = x.shape[1]
-    lower = np.tril_indices(n)
-    shared = [np.broadcast_to(np.ravel(r), (len(x), np.size(r))) for r in rest]
-    rows = np.ascontiguousarray(np.concatenate([x, S[:, lower[0], lower[1]], *shared], axis=1))
-    programs = [_program(rule, function, rest, angular, n, rows.shape[1]) for rule in rules]
-    g = Graph()
-    idle = [
-        p._replace(graph=g, outputs={k: [g.constant(0.0)] * len(v) for k, v in p.outputs.items()}) for p in programs
-    ]
-    made = steps([(None, partial(_itself, p)) for p in (*programs, *idle)], False)
-
-    def runner(step: Any, program: Program) -> Callable[[], None]:
-        out = np.empty((len(rows), len(program.outputs["made"])))
-        constants = step.setup(np.zeros(1))
-        job = Rows(step.address, pointer(constants), series(rows, 1, True, False), out.shape[1], pointer(out))
-
-        def run(kept: Any = (constants, out)) -> None:
-            over_cores(driver(False)["rows"], job, len(rows), False)
-
-        return run
-
-    each = [runner(*pair) for pair in zip(made, (*programs, *idle), strict=True)]
-    return list(zip(each[: len(rules)], each[len(rules) :], strict=True))
-
-
-def _itself(program: Program) -> Program:
-    return program
-
-
-def _program(rule: Rule, function: Any, rest: Sequence[Any], angular: Sequence[bool], n: int, size: int) -> Program:
-    """The linearisation of one track as scalar operations: mean, lower factor and the other arguments in a row."""
-    g = Graph()
-    flat = g.inputs("given", (size,))
-    factor = g.constants(np.zeros((n, n)))
-    below = n + n * (n + 1) // 2
-    factor[np.tril_indices(n)] = flat[n:below]
-    bounds = np.cumsum([np.size(r) for r in rest])[:-1]
-    others = [a.reshape(np.shape(r)) for a, r in zip(np.split(flat[below:], bounds), rest, strict=True)] if rest else []
-
-    def line(x: Any, S: Any, *given: Any) -> Any:
-        return tuple(rule(Lifted(function, [(r, r.ndim) for r in given], False), x, S, angular))
-
-    arrays = [flat[:n], factor, *others]
-    traced = jax.make_jaxpr(line)(*(jax.ShapeDtypeStruct(a.shape, jnp.float64) for a in arrays))
-    made = [node for a in evaluate(g, traced, arrays) for node in a.flat]
-    return Program(g, ("given",), {"made": made, "told": [g.constant(0.0)]})
-
-
-def _on_xla(
-    rule: Rule, function: Any, rest: Sequence[Any], angular: Sequence[bool], x: np.ndarray, S: np.ndarray
-) -> Callable[[], None]:
-    given = jnp.asarray(x.T), jnp.asarray(np.moveaxis(S, 0, -1))
-
-    @jax.jit
-    def line(x: Any, S: Any) -> Any:
-        return tuple(rule(Lifted(function, [(r, r.ndim) for r in rest], True), x, S, angular))
-
-    jax.block_until_ready(line(*given))
-
-    def run() -> None:
-        jax.block_until_ready(line(*given))
-
-    return run

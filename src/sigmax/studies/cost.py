@@ -1,12 +1,17 @@
 """What each filter costs, measured side by side."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from sigmax.filters import Filter
+from sigmax.models import Model
+from sigmax.models.evaluate import moving, sensing
 from sigmax.rules import Marginal, SigmaPoints, Taylor1, Taylor2
+from sigmax.rules.linearization import Function, Rule
 from sigmax.running.edge import prepare
 from sigmax.running.timing import seconds
 from sigmax.studies.simulate import draw
@@ -22,7 +27,8 @@ class Cost(NamedTuple):
         predict: seconds for a prediction.
         update: seconds for a correction.
         relative: (3,), prediction, correction and both divided by the EKF's.
-        evaluations: of the motion and of the sensors in a step; derivatives in a direction count as one.
+        evaluations: of the motion and of the sensors in a step; those of the most often evaluated part;
+            derivatives in a direction count as one.
     """
 
     predict: float
@@ -66,25 +72,30 @@ def costs(
     alone, whole = np.min(rounds, axis=0).T
     parts = np.stack([alone, np.maximum(whole - alone, 1e-9), whole], axis=-1)
     relative, each = parts / parts[0], parts / (T * study.block)
-    n = study.model.size
-    sensors = len(study.model.sensors)
     return {
-        name: Cost(each[i, 0], each[i, 1], relative[i], (_evaluations(f.predict, n), _times(f.correct, n, sensors)))
-        for i, (name, f) in enumerate(((name, f.on(model.biases)) for name, f in filters.items()), start=1)
+        name: Cost(each[i, 0], each[i, 1], relative[i], _evaluations(f.on(model.biases), model, inputs))
+        for i, (name, f) in enumerate(filters.items(), start=1)
     }
 
 
-def _times(rule: Any, n: int, sensors: int) -> int | None:
-    once = _evaluations(rule, n)
-    return None if once is None else once * sensors
+def _evaluations(filter: Filter, model: Model, inputs: np.ndarray | None) -> tuple[int | None, int | None]:
+    """How often motion and sensors are evaluated in a step, None for a rule of the user's."""
+    n = model.size + model.biases
+    x, dt, u = jnp.zeros(n), jnp.ones(()), None if inputs is None else jnp.asarray(inputs[0], float)
+    sensors = []
+    for name in model.sensors:
+        h = sensing(model, name, x, u)
+        angular = model.measured_angular(name, jax.eval_shape(h, x).shape[0])
+        sensors.append(_times(filter.correct, h, n, angular))
+    motion = _times(filter.predict, moving(model, x, dt, u), n, model.angular)
+    return motion, None if None in sensors else sum(k for k in sensors if k is not None)
 
 
-def _evaluations(rule: Any, n: int) -> int | None:
-    """How often a rule evaluates its function for n components, None for a rule of the user's."""
+def _times(rule: Rule, g: Function, n: int, angular: Sequence[bool]) -> int | None:
     if isinstance(rule, Marginal):
-        return _evaluations(rule.rule, n - rule.biases)
+        return _times(rule.rule, g, n - rule.biases, angular)
     if isinstance(rule, SigmaPoints):
-        return rule.points(n).evaluations
+        return rule.evaluations(g, n, angular)
     if isinstance(rule, Taylor1):
         return 1 + n
     return 1 + n + n * (n + 1) // 2 if isinstance(rule, Taylor2) else None

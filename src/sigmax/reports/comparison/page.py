@@ -178,7 +178,8 @@ def _cost(c: Comparison) -> str:
     return section(
         "Cost",
         "Time of prediction, correction and both, divided by the EKF's, all filters taking turns; a step of one track "
-        "in a large batch; evaluations of motion + sensor in a step (derivatives in a direction count as one).",
+        "in a large batch; evaluations of motion + sensor in a step, of the part that is evaluated most often "
+        "(derivatives in a direction count as one).",
         table(["filter", "predict", "update", "total", "a step", "evaluations", "compiled in"], rows),
     )
 
