@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import sigmax
 from sigmax.algebra.arrays import Lifted
 from sigmax.dependence import Part, best_order, complexity, permutation, reading, total_cost, weight_matrix
+from sigmax.native import Graph, Refused, evaluate
 from sigmax.rules import SigmaPoints, cubature, gauss_hermite, scaled, sigma_set, simplex, unscented
 from sigmax.rules.regression import regressed
 
@@ -216,3 +217,42 @@ def test_rules_with_and_without_the_permutation_are_two():
     assert SigmaPoints(cubature) != SigmaPoints(cubature, permute=True)
     assert str(sigmax.get("CKF", permute=True).correct) == "SigmaPoints(cubature, degree=3, permute=True)"
     assert sigma_set(simplex(3, moireau=True).points, np.full(4, 0.25)).evaluations == 4
+
+
+@pytest.mark.parametrize("permute", [False, True])
+@pytest.mark.parametrize(("family", "parameters"), [(cubature, {}), (scaled, {}), (simplex, {})])
+@pytest.mark.parametrize("reads", [(1,), (1, 2, 3)])
+def test_the_evaluations_told_are_those_made(family, parameters, permute, reads):
+    points = []
+
+    def counted(x):
+        points.append(len(x))
+        return np.arctan2(x[:, 0], 2 + x.sum(1) ** 2)
+
+    dear = sigmax.opaque(counted, reads=reads)
+    g = Lifted(lambda x: jnp.stack([x[0], dear(x)]), [], False)
+    rule = SigmaPoints(family, permute=permute, **parameters)
+    for angular in ((False, False), (True, True)):
+        points.clear()
+        jax.jit(lambda x, S, a=angular: rule(g, x, S, a))(jnp.arange(4.0), jnp.tril(jnp.ones((4, 4))))
+        assert sum(points) == rule.evaluations(g, 4, angular)
+    straight = Lifted(lambda x: jnp.stack([x[0] - x[2]]), [], False)
+    assert rule.evaluations(straight, 4, (False,)) == 5
+
+
+def test_a_map_of_millions_is_read_and_looked_up_without_a_node_for_each_height():
+    heights = np.arange(3_000_000.0)
+
+    def looked(x):
+        return jnp.stack([jnp.asarray(heights).reshape(1500, 2000)[3, 7 + x[0].astype(int)] + x[1]])
+
+    read = reading(looked, 2)
+    assert len(read.masks) < 500
+    assert [part.reads for part in read.parts()] == [(0,)]
+    g = Graph()
+    (made,) = evaluate(g, jax.make_jaxpr(looked)(jnp.zeros(2)), [g.inputs("x", (2,))])
+    assert len(g.nodes) < 500
+    assert [t.size for t in g.tables] == [heights.size]
+    assert [n.operation for n in made.flat[0].inputs] == ["input", "table"]
+    with pytest.raises(Refused, match="3,000,000"):
+        evaluate(g, jax.make_jaxpr(lambda x: jnp.asarray(heights).sum() * x)(jnp.zeros(2)), [g.inputs("x", (2,))])

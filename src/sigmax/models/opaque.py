@@ -49,7 +49,7 @@ def opaque(
                 f"{name} was given {len(flat[0])} points and must return an array of shape "
                 f"{(len(flat[0]), *shape)}; it returned {made.shape}"
             )
-        return made.reshape(*lead, *shape)
+        return made.reshape((*lead, *shape))
 
     @jax.custom_jvp
     def on_host(*arguments: Any) -> jax.Array:
