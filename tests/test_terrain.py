@@ -224,3 +224,34 @@ def test_the_command_leaves_a_report_with_the_map(tmp_path, monkeypatch):
     assert told["record"] == "small"
     assert told["filters"]["CKF:permute=1"]["faults"] == 0
     assert '"heatmap"' in Path("made/report.html").read_text()
+
+
+def test_what_goes_wrong_in_an_opaque_function_is_raised_as_it_was(caplog):
+    def gone(x, z):
+        raise ConnectionError("the database does not answer")
+
+    z, u = np.full((3, 1), 1000.0), np.tile(MADE.inputs, (3, 1))
+    with pytest.raises(ConnectionError, match="does not answer"):
+        sigmax.run("CKF", opaque_model(gone), MADE.prior, z, inputs=u)
+    with pytest.raises(sigmax.InputError, match=r"given 14 points .* returned \(3,\)"):
+        sigmax.run("CKF", opaque_model(lambda x, z: np.zeros(3)), MADE.prior, z, inputs=u)
+    assert {r.name for r in caplog.records} <= {"sigmax"}
+
+
+def test_one_live_track_calls_an_opaque_function_once_a_step_and_tells_of_its_failures():
+    calls = []
+
+    def database(x, z):
+        calls.append(len(x))
+        if len(calls) > 2:
+            raise ConnectionError("the database does not answer")
+        return 400 + 60 * np.sin(x / 700) * np.cos(z / 900)
+
+    live = sigmax.Live(sigmax.get("SRCKFB", permute=True), opaque_model(database), MADE.prior)
+    for _ in range(2):
+        live.step([1000.0], 1.0, u=MADE.inputs)
+    assert calls == [5, 5]
+    before = live.mean
+    with pytest.raises(ConnectionError):
+        live.step([1000.0], 1.0, u=MADE.inputs)
+    np.testing.assert_array_equal(live.mean, before)

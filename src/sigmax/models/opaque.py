@@ -1,7 +1,8 @@
 """Functions that JAX cannot trace: a database, a routine of another language."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import jax
@@ -9,6 +10,24 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
+
+# What went wrong in opaque functions while somebody waits to be told: XLA itself would bury it in its own trace.
+_failed: list[Exception] = []
+_waiting: list[None] = []
+
+
+@contextmanager
+def failures_raised() -> Iterator[None]:
+    """Raise what an opaque function raises inside, as it was, at the end; until then its values are NaN."""
+    _waiting.append(None)
+    try:
+        yield
+        if _failed:
+            raise _failed[0]
+    finally:
+        _waiting.pop()
+        if not _waiting:
+            _failed.clear()
 
 
 def opaque(
@@ -30,7 +49,8 @@ def opaque(
         by `with_derivatives(opaque(f, m), opaque(jacobian, …))`.
 
     Raises:
-        InputError: in a run, where the result has another shape, or derivatives are asked for.
+        InputError: in a run, where the result has another shape, or derivatives are asked for. What the function
+            itself raises ends the run, too.
     """
     shape = () if size is None else (size,)
     name = getattr(function, "__name__", "the opaque function")
@@ -43,13 +63,23 @@ def opaque(
             np.broadcast_to(a, (*lead, *a.shape[a.ndim - core :])).reshape(-1, *a.shape[a.ndim - core :])
             for a, core in zip(given, cores, strict=True)
         ]
+        if not (_waiting and _failed):
+            try:
+                return values(flat, dtype).reshape((*lead, *shape))
+            except Exception as error:
+                if not _waiting:
+                    raise
+                _failed.append(error)
+        return np.full((*lead, *shape), np.nan, dtype)
+
+    def values(flat: Sequence[np.ndarray], dtype: Any) -> np.ndarray:
         made = np.asarray(function(*flat), dtype)
         if made.shape != (len(flat[0]), *shape):
             raise InputError(
                 f"{name} was given {len(flat[0])} points and must return an array of shape "
                 f"{(len(flat[0]), *shape)}; it returned {made.shape}"
             )
-        return made.reshape((*lead, *shape))
+        return made
 
     @jax.custom_jvp
     def on_host(*arguments: Any) -> jax.Array:

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 
 from sigmax.errors import InputError, unknown
+from sigmax.models.opaque import failures_raised
 from sigmax.native import Refused, Unavailable, compiler
 
 BACKENDS = ("native", "xla")
@@ -34,15 +35,15 @@ def attempt(backend: str | None, traced: bool, native: Callable[[], Any], xla: C
         raise InputError(
             "the native engine computes numbers only; inside a trace (jax.grad, jax.jit) leave backend= out"
         )
-    if traced or asked == "xla":
+    if traced:
         return xla()
-    if asked is None and (jax.default_backend() != "cpu" or compiler() is None):
+    if asked == "native" or (asked is None and jax.default_backend() == "cpu" and compiler() is not None):
+        try:
+            return native()
+        except (Refused, Unavailable) as error:
+            native_failed(asked, error)
+    with failures_raised():
         return xla()
-    try:
-        return native()
-    except (Refused, Unavailable) as error:
-        native_failed(asked, error)
-    return xla()
 
 
 def native_failed(backend: str | None, error: Exception) -> None:

@@ -13,6 +13,7 @@ from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
 from sigmax.models.evaluate import noise_roots
 from sigmax.models.model import Model
+from sigmax.models.opaque import failures_raised
 from sigmax.running.covariances import covariances
 from sigmax.running.scanned import batch_first, batch_last
 from sigmax.running.step import Belief, Innovation, begin, correct, later, predict
@@ -55,19 +56,23 @@ class XlaState:
 
     def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""
-        self.belief, self.fault = self._predict(self._leaves, self.belief, self._cast(dt), self._laid(u))
+        with failures_raised():
+            out = self._predict(self._leaves, self.belief, self._cast(dt), self._laid(u))
+        self.belief, self.fault = out
 
     def update(self, sensor: str, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
         """Correct."""
         R = self.model.R[sensor] if R is None else R
-        out = self._update(self._leaves, self.belief, sensor, z.T, R, self._laid(u))
+        with failures_raised():
+            out = self._update(self._leaves, self.belief, sensor, z.T, R, self._laid(u))
         self.belief, told, self.fault = out
         return self._told(told)
 
     def step(self, sensor: str, dt: float, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
         """Move on and correct."""
         R = self.model.R[sensor] if R is None else R
-        out = self._step(self._leaves, self.belief, sensor, self._cast(dt), z.T, R, self._laid(u))
+        with failures_raised():
+            out = self._step(self._leaves, self.belief, sensor, self._cast(dt), z.T, R, self._laid(u))
         self.belief, told, self.fault = out
         return self._told(told)
 
