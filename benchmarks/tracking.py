@@ -57,7 +57,7 @@ def plain(record: PlotRecord) -> list[Told]:
         detectors=detectors,
         associate=nearest,
         rule=m_of_n(3, 5, 5),
-        extent=0.0,
+        extent=(0.0, 0.0),
         merge=0.0,
         max_speed=np.inf,
         moving=None,

@@ -149,7 +149,7 @@ def _cycle(filter: Filter, use: tuple[str, ...]) -> Cycle:
         associate=jpda,
         rule=by_existence(confirm=0.99999, drop=0.02, plots=7, coast=20.0),
         birth=0.1,
-        extent=15.0,
+        extent=(15.0, 15.0),
         max_speed=8.0,
         moving=(15.0, 0.15),
     )

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from sigmax.errors import InputError, unknown
 from sigmax.tracking import life as lives
 from sigmax.tracking.associate import Associate, Evidence, gnn
 from sigmax.tracking.detector import Detector, Scan
+from sigmax.tracking.extent import covered
 from sigmax.tracking.gate import gated
 from sigmax.tracking.initiate import Free, Initiate, Layout
 from sigmax.tracking.life import Life, Rule, by_existence
@@ -34,7 +34,8 @@ class Cycle:
         birth: probability that a free plot, or pair of plots, is a new target.
         lifetime: seconds that a target stays on average.
         merge: tracks nearer to each other than so many standard deviations are one, see `duplicates`; 0: never.
-        extent: m; how far from the middle of a target its plots may lie: so near to a confirmed track no other begins.
+        extent: m; how far from the middle of a target its own plots may lie, on its course and beside it: so near to
+            a confirmed track no other begins, see `covered`.
         max_speed: m/s; a track that is faster for certain (by three standard deviations) ends.
         moving: (m, m/s) or None; what stands still is no target: a track is confirmed once it is so far from where
             it began, or faster than this for certain (by two standard deviations).
@@ -50,7 +51,7 @@ class Cycle:
     birth: float = 0.1
     lifetime: float = 1e4
     merge: float = 0.5
-    extent: float = 0.0
+    extent: tuple[float, float] = (0.0, 0.0)
     max_speed: float = np.inf
     moving: tuple[float, float] | None = None
 
@@ -145,7 +146,9 @@ class Cycle:
         memory, next_id = state.memory, state.next_id
         if detector.locate is not None:
             free = 1 - np.minimum(summed(found.share, pairs.plot, k), 1) > 0.5
-            memory, next_id, born, started = self._begun(state, scan, np.flatnonzero(free), mean[life.confirmed])
+            memory, next_id, born, started = self._begun(
+                state, scan, np.flatnonzero(free), mean[life.confirmed], cov[life.confirmed]
+            )
             if len(started.id):
                 fresh_mean, fresh_cov = self.modes.moments(born.beliefs)
                 beliefs, life = beliefs.joined(born.beliefs), life.joined(started)
@@ -170,16 +173,15 @@ class Cycle:
         return State(lives.Tracks(scan.time, beliefs, life), next_id, memory), told
 
     def _begun(
-        self, state: State, scan: Scan, free: np.ndarray, confirmed: np.ndarray
+        self, state: State, scan: Scan, free: np.ndarray, mean: np.ndarray, cov: np.ndarray
     ) -> tuple[Mapping[str, Any], int, Any, Life]:
-        """Tracks that begin with the free plots."""
+        """Tracks that begin with the free plots, where confirmed ones have these moments."""
         locate = self.detectors[scan.sensor].locate
         assert locate is not None
         whole = free[np.isfinite(scan.z[free]).all(1)]
         where = locate(scan.z[whole], scan.u)
-        if self.extent > 0 and len(confirmed):
-            apart = cKDTree(confirmed[:, self.layout.position]).query(where.position)[0] > self.extent
-            where, whole = where.take(apart), whole[apart]
+        apart = ~covered(where.position, mean, cov, self.layout, *self.extent)
+        where, whole = where.take(apart), whole[apart]
         # Of plots on one spot, one begins a track.
         cell = 3 * np.sqrt(np.einsum("kii->k", where.cov).max(initial=1e-300))
         first = firsts(np.round(where.position / cell))
@@ -187,9 +189,9 @@ class Cycle:
             Free(scan.time, where.take(first), whole[first]), state.memory.get(scan.sensor)
         )
         memory = {**state.memory, scan.sensor: remembered}
-        mean, cov = self.layout.priors(births, self.modes.model)
+        priors = self.layout.priors(births, self.modes.model)
         started = Life.begun(state.next_id, births.position, scan.time, self.birth, births.plots)
-        return memory, state.next_id + len(mean), _Born(self.modes.start(mean, cov), births.plot), started
+        return memory, state.next_id + len(births.plot), _Born(self.modes.start(*priors), births.plot), started
 
 
 class _Born(NamedTuple):

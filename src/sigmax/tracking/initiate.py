@@ -187,11 +187,19 @@ class Layout(NamedTuple):
             assert self.polar_velocity is not None
             place = self.polar_velocity[0]
             return np.abs(mean[:, place]), np.sqrt(cov[:, place, place])
-        v = mean[:, self.velocity]
-        speed = np.linalg.norm(v, axis=1)
-        along = v / np.maximum(speed, 1e-12)[:, None]
+        speed = np.linalg.norm(mean[:, self.velocity], axis=1)
+        along = self.course(mean)
         places = np.array(self.velocity)
         return speed, np.sqrt(np.einsum("ki,kij,kj->k", along, cov[:, places[:, None], places], along))
+
+    def course(self, mean: np.ndarray) -> np.ndarray:
+        """Unit vectors (B, d) along the velocities of states (B, n)."""
+        if self.velocity is None:
+            assert self.polar_velocity is not None
+            angle = mean[:, self.polar_velocity[1]]
+            return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        v = mean[:, self.velocity]
+        return np.asarray(v / np.maximum(np.linalg.norm(v, axis=1), 1e-12)[:, None])
 
     def priors(self, births: Births, model: Model) -> tuple[np.ndarray, np.ndarray]:
         """Means (k, n) and covariances (k, n, n) of states."""

@@ -104,7 +104,12 @@ def m_of_n(m: int = 3, n: int = 5, misses: int = 5, coast: float = np.inf) -> Ru
 
 
 def by_existence(
-    confirm: float = 0.99, drop: float = 0.01, plots: int = 2, coast: float = np.inf, tentative: float = np.inf
+    confirm: float = 0.99,
+    drop: float = 0.01,
+    plots: int = 2,
+    coast: float = np.inf,
+    tentative: float = np.inf,
+    age: float = 0.0,
 ) -> Rule:
     """Confirm and end by the probability of existence (Musicki, Evans and Stankovic 1994).
 
@@ -114,6 +119,8 @@ def by_existence(
         drop: below this one it ends.
         coast: seconds without a plot after which a confirmed track ends in any case.
         tentative: the same for one that is not confirmed.
+        age: seconds since its first plot before which no track is confirmed: false plots of a fast sensor come back
+            for a moment, and many of them within a second say little more than one.
 
     Raises:
         InputError: for what are no probabilities in order.
@@ -123,7 +130,7 @@ def by_existence(
 
     def rule(time: float, life: Life) -> tuple[np.ndarray, np.ndarray]:
         patience = np.where(life.confirmed, coast, tentative)
-        enough = (life.existence >= confirm) & (life.hits(_REMEMBERED) >= plots)
+        enough = (life.existence >= confirm) & (life.hits(_REMEMBERED) >= plots) & (time - life.born >= age)
         return enough, (life.existence < drop) | (time - life.heard > patience)
 
     return rule
