@@ -1,8 +1,10 @@
 """Plots to tracks: autoferry beside a nearest-neighbour EKF and Stone Soup's JPDA; scale; real aircraft and ships.
 
 python benchmarks/tracking.py autoferry --data ../shared/data/autoferry
+python benchmarks/tracking.py autoferry-sensors --data ../shared/data/autoferry
 python benchmarks/tracking.py scale
 python benchmarks/tracking.py aircraft --data ../shared/data/adsb_traffic
+python benchmarks/tracking.py traffic --data ../shared/data/stonesoup
 python benchmarks/tracking.py ais --data ../shared/data/stonesoup
 """
 
@@ -10,13 +12,15 @@ import argparse
 import dataclasses
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 import sigmax
 from contenders import tracks_stonesoup as stone_soup
-from realtracks import aircraft, ships
+from realtracks import aircraft, ships, traffic
 from sigmax.models import Model, motions, sensors
 from sigmax.records.autoferry import autoferry
 from sigmax.records.plots import PlotRecord
@@ -28,7 +32,9 @@ from sigmax.tracking import (
     Scan,
     Told,
     Tracker,
+    by_existence,
     gnn,
+    in_shadow,
     jpda,
     m_of_n,
     nearest,
@@ -65,17 +71,90 @@ def plain(record: PlotRecord) -> list[Told]:
     return Tracker(cycle).run(record.scans)
 
 
+def eager(record: PlotRecord) -> list[Told]:
+    """The same tracker, confirming as soon as there are three plots, what stands still too: more held, more false."""
+    cycle = record.cycle(sigmax.get(record.filter))
+    cycle = dataclasses.replace(cycle, rule=by_existence(0.9, 0.02, plots=3, coast=20.0), moving=None)
+    return Tracker(cycle, window=record.window).run(record.scans)
+
+
+def findable(record: PlotRecord, plots: int = 5, silence: float = 6.0, reach: float = 15.0) -> dict[str, float]:
+    """Share of the time in which a target has had so many plots of its own, none of them later than after a silence.
+
+    Its own: within reach of it, and nearer to it than to any other target.
+    """
+    shares = {}
+    for target in record.truth:
+        last, count, able, known = -np.inf, 0, 0, 0
+        for scan in record.scans:
+            where = [p for t in record.truth if t is not target and (p := t.at(scan.time)) is not None]
+            place = target.at(scan.time)
+            if place is None:
+                continue
+            z = scan.z + (0.0 if scan.u is None else scan.u[:2])
+            distance = np.linalg.norm(z - place, axis=1)
+            own = distance < reach
+            for other in where:
+                own &= distance <= np.linalg.norm(z - other, axis=1)
+            if own.any():
+                count = count + 1 if scan.time - last <= silence else 1
+                last = scan.time
+            known += 1
+            able += count >= plots and scan.time - last <= silence
+        shares[target.name] = able / max(known, 1)
+    return shares
+
+
+def autoferry_sensors(folder: Path) -> None:
+    """How often the sensors have a plot of each boat, by what may hinder them."""
+    rows = []
+    for scenario in SCENARIOS:
+        record = autoferry(scenario, folder)
+        for scan in record.scans:
+            at = [t.at(scan.time) for t in record.truth]
+            if scan.u is None or any(p is None for p in at):
+                continue
+            seen = np.array(at) - scan.u[:2]
+            distance = np.linalg.norm(seen, axis=1)
+            apart = np.linalg.norm(seen[0] - seen[1])
+            gaps = np.linalg.norm(scan.z[:, None] - seen, axis=2)
+            mine = (gaps < 15) & (gaps <= gaps[:, ::-1])
+            hidden = in_shadow(seen, 10.0, 10.0)
+            rows += [(scan.sensor, distance[k], apart, hidden[k], mine[:, k].any()) for k in range(2)]
+    table = pd.DataFrame(rows, columns=["sensor", "distance", "apart", "hidden", "seen"])
+    free = table[~table.hidden]
+    print("| sensor | of a boat that | scans | with a plot of it |\n|---|---|---|---|")
+    limits = {
+        "radar": ("apart", "is apart from the other by", (0, 20, 30, 40, 50, 100, 600)),
+        "lidar": ("distance", "is away by", (0, 60, 90, 110, 130, 160, 600)),
+    }
+    for sensor, (column, words, edges) in limits.items():
+        own = free[free.sensor == sensor]
+        for low, high in pairwise(edges):
+            some = own[own[column].between(low, high, inclusive="left")]
+            print(f"| {sensor} | {words} {low} to {high} m | {len(some)} | {some.seen.mean():.0%} |")
+        some = table[table.hidden & (table.sensor == sensor)]
+        print(f"| {sensor} | lies in the other's shadow | {len(some)} | {some.seen.mean():.0%} |")
+
+
 def autoferry_table(folder: Path) -> None:
     contenders: dict[str, Callable[[PlotRecord], list[Told]]] = {
         "sigmax JPDA": ours,
         "sigmax GNN": lambda r: Tracker(
             dataclasses.replace(r.cycle(sigmax.get(r.filter)), associate=gnn), window=r.window
         ).run(r.scans),
+        "sigmax JPDA, eager": eager,
         "nearest-neighbour EKF": plain,
         "Stone Soup JPDA": stone_soup.jpda,
     }
     print("| tracker | scenario | RMSE, m | held | breaks | switches | false / min | GOSPA, m | CPU ms / scan |")
     print("|---|---|---|---|---|---|---|---|---|")
+    bounds = []
+    for scenario in SCENARIOS:
+        bound = findable(autoferry(scenario, folder))
+        bounds += bound.values()
+        print(f"| *plots of its own* | {scenario} | | {', '.join(f'{v:.0%}' for v in bound.values())} | | | | | |")
+    print(f"| *plots of its own* | **all** | | {np.mean(bounds):.0%} | | | | | |")
     for name, run in contenders.items():
         found: list[Quality] = []
         for scenario in SCENARIOS:
@@ -171,7 +250,7 @@ def row(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("autoferry", "scale", "aircraft", "ais"))
+    parser.add_argument("what", choices=("autoferry", "autoferry-sensors", "scale", "aircraft", "traffic", "ais"))
     parser.add_argument("--data", type=Path, help="folder of the data set")
     given = parser.parse_args()
     if given.what == "scale":
@@ -180,8 +259,12 @@ def main() -> None:
         parser.error(f"{given.what} needs --data FOLDER")
     elif given.what == "autoferry":
         autoferry_table(given.data)
+    elif given.what == "autoferry-sensors":
+        autoferry_sensors(given.data)
     elif given.what == "aircraft":
         aircraft(given.data)
+    elif given.what == "traffic":
+        traffic(given.data)
     else:
         ships(given.data)
 

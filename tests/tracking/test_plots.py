@@ -177,7 +177,9 @@ def test_autoferry_in_all_scenarios():
         found.append(quality(history, record.truth, (0, 1), record.cutoff))
     assert np.mean([v for q in found for v in q.rmse.values()]) <= 6
     assert sum(q.switches for q in found) == 0
-    assert sum(q.false_tracks for q in found) / sum(q.minutes for q in found) <= 1
+    assert max(q.false_per_minute for q in found) <= 1
+    # Plots of their own allow 81 %, see `findable` in the benchmark.
+    assert np.mean([v for q in found for v in q.held.values()]) > 0.76
 
 
 @needs_data
@@ -190,6 +192,15 @@ def test_bearings_of_the_cameras_may_be_taken_in():
     q = quality(history, record.truth, (0, 1), record.cutoff)
     assert {t.sensor for t in history} == {"radar", "lidar", "infrared", "optical"}
     assert max(q.held.values()) > 0.5
+
+
+def test_an_extent_is_one_length_or_two(folder):
+    for given, told in (('"30 m"', (30.0, 30.0)), ('["30 m", "8 m"]', (30.0, 8.0))):
+        (folder / "plots.toml").write_text(TOML.format(data="plots.csv", more=f"extent = {given}"))
+        assert load_plots(str(folder / "plots.toml")).cycle(sigmax.get("EKF")).extent == told
+    (folder / "plots.toml").write_text(TOML.format(data="plots.csv", more='extent = ["30 m"]'))
+    with pytest.raises(InputError, match=r"tracking\.extent is a length, or two"):
+        load_plots(str(folder / "plots.toml"))
 
 
 @pytest.mark.parametrize("width", [390, 1100])

@@ -14,6 +14,7 @@ from sigmax.tracking import (
     Tracker,
     Truth,
     by_existence,
+    crowded,
     gnn,
     gospa,
     health,
@@ -26,9 +27,11 @@ from sigmax.tracking import (
     pda,
     positions,
     quality,
+    reports,
     single_plot,
     two_point,
 )
+from sigmax.tracking.extent import covered
 from tests.tracking.worlds import NOISE, cycle, model, radar_cycle, radar_scan, world
 
 INITIATE = {
@@ -170,7 +173,44 @@ def test_where_a_target_has_plots_no_other_begins():
     ]
     alone = [s._replace(z=s.z[:1]) if s.time < 12 else s for s in scans]
     assert Tracker(cycle(1e-3)).run(alone)[-1].confirmed.sum() == 2
-    assert Tracker(cycle(1e-3, extent=40.0)).run(alone)[-1].confirmed.sum() == 1
+    assert Tracker(cycle(1e-3, extent=(40.0, 40.0))).run(alone)[-1].confirmed.sum() == 1
+
+
+def test_a_boat_abreast_is_no_part_of_a_ship():
+    """On the course of a ship lie its own ends, beside it another; turning the world turns the answer."""
+    rng = np.random.default_rng(3)
+    mean = np.array([[100.0, 50, 6, 0], [0, 0, 0.1, 0]])
+    cov = np.tile(np.diag([4.0, 4, 0.04, 0.04]), (2, 1, 1))
+    astern, abreast, far, near_the_idle = [80.0, 51], [101.0, 63], [100.0, 90], [0.0, 20]
+    place = np.array([astern, abreast, far, near_the_idle])
+    for angle in rng.uniform(-4, 4, 5):
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array([[c, -s], [s, c]])
+        whole = np.kron(np.eye(2), turn)
+        told = covered(place @ turn.T, mean @ whole.T, whole @ cov @ whole.T, Layout(), 25.0, 8.0)
+        assert told.tolist() == [True, False, False, True]
+    polar = np.array([[100.0, 50, 6, 0.0]])
+    assert covered(place, polar, cov[:1], Layout((0, 1), None, (2, 3)), 25.0, 8.0).tolist() == [True, *[False] * 3]
+    assert not covered(place, mean, cov, Layout(), 0.0, 0.0).any()
+    assert not covered(place, mean[:0], cov[:0], Layout(), 25.0, 8.0).any()
+
+
+def test_a_report_of_position_and_velocity_begins_a_track_with_both():
+    R = np.array([25.0, 25.0, 0.25, 0.25])
+    cv = motions.constant_velocity(("x", "y"))
+    m = Model(motion=cv, sensor=lambda x: x, measurement=("x", "y", "vx", "vy"), Q=cv.noise(0.01), R=R)
+    c = Cycle(Modes([("EKF", m)]), {"": Detector(0.9, 1e-9, reports(R))}, single_plot(30.0))
+    told = Tracker(c).step(Scan(0.0, "", [[10.0, 20.0, 3.0, -4.0], [500.0, 0.0, np.nan, np.nan]]))
+    # The prior of an axis has the variance 30² / 3; a report without a velocity begins nothing here.
+    shrink = 300 / (300 + 0.25)
+    np.testing.assert_allclose(told.mean, [[10, 20, 3 * shrink, -4 * shrink]])
+    np.testing.assert_allclose(told.cov[0], np.diag([25, 25, 0.25 * shrink, 0.25 * shrink]), atol=1e-12)
+
+
+def test_no_track_is_confirmed_before_its_age():
+    scans, _ = world(targets=1, clutter=0, detection=1.0, scans=8, seed=3)
+    told = Tracker(cycle(1e-3, rule=by_existence(0.99, 0.01, age=7.0))).run(scans)
+    assert [int(t.confirmed.sum()) for t in told] == [0, 0, 0, 0, 0, 1, 1, 1]
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -307,6 +347,12 @@ def test_asynchronous_sensors_on_a_moving_platform():
 def test_who_stands_behind_another_is_in_its_shadow():
     expected = np.array([[100.0, 0], [200, 3], [200, 60], [-200, 0], [105, 0]])
     assert in_shadow(expected, 10.0, 10.0).tolist() == [False, True, False, False, False]
+
+
+def test_who_stands_near_another_is_not_told_apart():
+    expected = np.array([[100.0, 0], [120, 0], [200, 60]])
+    assert crowded(expected, 30.0).tolist() == [True, True, False]
+    assert crowded(expected[:1], 30.0).tolist() == [False]
 
 
 def test_distances_of_sets():

@@ -11,7 +11,7 @@ from sigmax.filters import Filter
 from sigmax.records.description import read_toml
 from sigmax.records.model import Built, build
 from sigmax.records.own import check_columns, columns, instants, measured_columns
-from sigmax.records.plot_description import DetectionPart, PlotDescription, TrackingPart
+from sigmax.records.plot_description import DetectionPart, PlotDescription, TrackingPart, extent_of
 from sigmax.records.plots import PlotRecord
 from sigmax.records.record import parse_trial
 from sigmax.records.sensor import Sensing, first_position
@@ -153,6 +153,7 @@ def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> 
     if part.confirm is not None and len(part.confirm) != 2:
         raise InputError(f"tracking.confirm is [m, n]: m plots of n chances; it is {part.confirm}")
     rule = by_existence(coast=coast) if part.confirm is None else m_of_n(part.confirm[0], part.confirm[1], coast=coast)
+    extent = extent_of(part)
     detectors = {}
     for name, sensing in built.sensings.items():
         own = [k for k, item in enumerate(built.inputs) if item.sensor == name]
@@ -170,7 +171,7 @@ def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> 
             layout=layout,
             associate=_ASSOCIATE[part.associate],
             rule=rule,
-            extent=quantity(part.extent, LENGTH, "tracking.extent"),
+            extent=extent,
             max_speed=top,
         )
 

@@ -6,7 +6,9 @@ from typing import Any
 
 from pydantic import Field
 
+from sigmax.errors import InputError
 from sigmax.records.description import ColumnGiven, Description, Section
+from sigmax.records.units import LENGTH, quantity
 
 
 class DetectionPart(Section):
@@ -53,3 +55,17 @@ def describes_plots(path: Path) -> bool:
         return "tracking" in tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
         return False
+
+
+def extent_of(part: TrackingPart) -> tuple[float, float]:
+    """How far a target's own plots may lie from its middle: on its course and beside it, or one length for both.
+
+    Raises:
+        InputError: for what are no lengths.
+    """
+    given = part.extent
+    pair = given if isinstance(given, list) else [given, given]
+    if len(pair) != 2:
+        raise InputError(f"tracking.extent is a length, or two: [on the course, beside it]; it is {given!r}")
+    along, across = (quantity(v, LENGTH, "tracking.extent") for v in pair)
+    return along, across

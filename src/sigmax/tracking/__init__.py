@@ -2,7 +2,7 @@
 
 from sigmax.tracking.associate import gnn, jpda, nearest, pda
 from sigmax.tracking.cycle import Cycle
-from sigmax.tracking.detector import Detector, Located, Scan, in_shadow, polar, positions
+from sigmax.tracking.detector import Detector, Located, Scan, crowded, in_shadow, polar, positions, reports
 from sigmax.tracking.health import SensorHealth, health
 from sigmax.tracking.hypotheses import hypotheses
 from sigmax.tracking.initiate import Layout, single_plot, two_point
@@ -25,6 +25,7 @@ __all__ = [
     "Tracker",
     "Truth",
     "by_existence",
+    "crowded",
     "gnn",
     "gospa",
     "health",
@@ -39,6 +40,7 @@ __all__ = [
     "polar",
     "positions",
     "quality",
+    "reports",
     "single_plot",
     "two_point",
 ]

@@ -36,7 +36,8 @@ class Cycle:
         merge: tracks nearer to each other than so many standard deviations are one, see `duplicates`; 0: never.
         extent: m; how far from the middle of a target its own plots may lie, on its course and beside it: so near to
             a confirmed track no other begins, see `covered`.
-        max_speed: m/s; a track that is faster for certain (by three standard deviations) ends.
+        max_speed: m/s; a track that is faster is not confirmed, and ends once it is so for certain (by three standard
+            deviations).
         moving: (m, m/s) or None; what stands still is no target: a track is confirmed once it is so far from where
             it began, or faster than this for certain (by two standard deviations).
     """
@@ -133,6 +134,7 @@ class Cycle:
         mean, cov = self.modes.moments(beliefs)
         speed, deviation = self.layout.speed(mean, cov)
         drop |= speed - 3 * deviation > self.max_speed
+        confirm &= speed <= self.max_speed
         if self.moving is not None:
             way = np.linalg.norm(mean[:, self.layout.position] - life.origin, axis=1)
             confirm &= (way > self.moving[0]) | (speed - 2 * deviation > self.moving[1])

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
@@ -36,6 +37,8 @@ class Located(NamedTuple):
         direction: unit vectors from the sensor (k, d), or None.
         radial: radial velocity (k,), NaN where it is missing; or None.
         radial_variance: of it.
+        velocity: where a report tells it (k, d), or None.
+        velocity_cov: of it (d, d).
     """
 
     position: np.ndarray
@@ -43,12 +46,21 @@ class Located(NamedTuple):
     direction: np.ndarray | None = None
     radial: np.ndarray | None = None
     radial_variance: float = 0.0
+    velocity: np.ndarray | None = None
+    velocity_cov: np.ndarray | None = None
 
     def take(self, index: Any) -> "Located":
         """Some of the plots."""
         direction = None if self.direction is None else self.direction[index]
         radial = None if self.radial is None else self.radial[index]
-        return Located(self.position[index], self.cov[index], direction, radial, self.radial_variance)
+        velocity = None if self.velocity is None else self.velocity[index]
+        return self._replace(
+            position=self.position[index],
+            cov=self.cov[index],
+            direction=direction,
+            radial=radial,
+            velocity=velocity,
+        )
 
 
 Locate = Callable[[np.ndarray, np.ndarray | None], Located]
@@ -97,7 +109,8 @@ def covariance_of(R: Noise) -> np.ndarray:
     """
     if callable(R):
         raise InputError("R is a function of the state; give the standard deviations by which plots are located")
-    return np.diag(np.asarray(R.entries, float)) if isinstance(R, Diagonal) else np.asarray(R, float)
+    given = np.asarray(R.entries if isinstance(R, Diagonal) else R, float)
+    return np.diag(given) if given.ndim == 1 else given
 
 
 def positions(R: Noise, d: int = 2, *, from_inputs: bool = False) -> Locate:
@@ -105,11 +118,22 @@ def positions(R: Noise, d: int = 2, *, from_inputs: bool = False) -> Locate:
 
     They are counted from the platform where the first inputs of a scan say where that is (`from_inputs`).
     """
-    cov = covariance_of(R if callable(R) or isinstance(R, Diagonal) or np.ndim(R) == 2 else Diagonal(np.asarray(R)))
+    cov = covariance_of(R)
 
     def locate(z: np.ndarray, u: np.ndarray | None) -> Located:
         place = u[:d] if from_inputs and u is not None else 0.0
         return Located(z[:, :d] + place, np.tile(cov[:d, :d], (len(z), 1, 1)))
+
+    return locate
+
+
+def reports(R: Noise, d: int = 2) -> Locate:
+    """Reports of position and velocity, d components each and in this order, with independent errors R: AIS, ADS-B."""
+    cov = covariance_of(R)
+
+    def locate(z: np.ndarray, u: np.ndarray | None) -> Located:
+        spread = np.tile(cov[:d, :d], (len(z), 1, 1))
+        return Located(z[:, :d], spread, velocity=z[:, d : 2 * d], velocity_cov=cov[d : 2 * d, d : 2 * d])
 
     return locate
 
@@ -122,7 +146,7 @@ def polar(R: Noise, *, origin: tuple[float, float] = (0.0, 0.0), from_inputs: bo
         origin: where the sensor stands.
         from_inputs: the first two inputs of a scan say where it stands instead.
     """
-    variances = np.diag(covariance_of(R if callable(R) or isinstance(R, Diagonal) else Diagonal(np.asarray(R))))
+    variances = np.diag(covariance_of(R))
 
     def locate(z: np.ndarray, u: np.ndarray | None) -> Located:
         place = np.asarray(u[:2] if from_inputs and u is not None else origin)
@@ -152,3 +176,16 @@ def in_shadow(expected: np.ndarray, width: float, behind: float) -> np.ndarray:
     forward = along @ expected.T
     beside = np.abs(along[:, :1] * expected[:, 1] - along[:, 1:] * expected[:, 0])
     return ((forward > 0) & (forward < distance[:, None] - behind) & (beside < width)).any(1)
+
+
+def crowded(expected: np.ndarray, apart: float) -> np.ndarray:
+    """Which targets (B,) stand nearer than `apart` (m) to another, so that a sensor may see one plot of both.
+
+    Args:
+        expected: positions (B, 2), in metres.
+        apart: m; the distance at which the sensor tells two targets apart.
+    """
+    if len(expected) < 2:
+        return np.zeros(len(expected), bool)
+    distance, _ = cKDTree(expected).query(expected, k=[2])
+    return np.asarray(distance).ravel() < apart

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from sigmax.errors import InputError
 from sigmax.tracking.detector import Located
-from sigmax.tracking.initiate import Births, Free, Initiate, with_doppler
+from sigmax.tracking.initiate import Births, Free, Initiate, with_velocity
 from sigmax.tracking.mixture import merged, summed
 
 # A hypothesis of less than this share of its family is given up.
@@ -113,7 +113,7 @@ def _begun(free: Free, new: np.ndarray, velocity: np.ndarray, spread: np.ndarray
         variance = np.einsum("ki,kij,kj->k", where.direction, cov[:, 2:, 2:], where.direction) + where.radial_variance
         weight = weight * np.where(np.isnan(miss), 1.0, np.exp(-0.5 * miss**2 / variance) / np.sqrt(variance))
         weight = weight / np.maximum(summed(weight, family, F), 1e-300)[family]
-    born = with_doppler(Births(where.position, speed, cov, new[family], 1), where)
+    born = with_velocity(Births(where.position, speed, cov, new[family], 1), where)
     mean = np.concatenate([born.position, born.velocity], axis=1)
     bank = _Bank(free.time, mean, born.cov, family, weight, new[family], np.full(F, free.time), np.ones(F, int))
     return _pruned(bank)

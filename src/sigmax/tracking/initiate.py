@@ -51,7 +51,7 @@ Initiate = Callable[[Free, Any], tuple[Births, Any]]
 def single_plot(max_speed: float) -> Initiate:
     """Every free plot begins a track of unknown velocity: standard deviation max_speed / √3 an axis.
 
-    A radial velocity, where there is one, is taken in.
+    A velocity, radial or whole, is taken in where there is one.
     """
     _positive("max_speed", max_speed)
 
@@ -60,7 +60,7 @@ def single_plot(max_speed: float) -> Initiate:
         cov = np.zeros((k, 2 * d, 2 * d))
         cov[:, :d, :d] = free.where.cov
         cov[:, d:, d:] = np.eye(d) * max_speed**2 / 3
-        return with_doppler(Births(free.where.position, np.zeros((k, d)), cov, free.plot, 1), free.where), memory
+        return with_velocity(Births(free.where.position, np.zeros((k, d)), cov, free.plot, 1), free.where), memory
 
     return initiate
 
@@ -99,7 +99,7 @@ def two_point(max_speed: float, within: float) -> Initiate:
             cov[:, :d, d:] = cov[:, d:, :d] = C / dt
             cov[:, d:, d:] = (C + old.where.cov[i]) / dt**2
             born = Births(free.where.position[j], velocity, cov, free.plot[j], 2)
-            found.append(with_doppler(born, free.where.take(j)))
+            found.append(with_velocity(born, free.where.take(j)))
             taken[j] = True
             left = np.ones(len(old.plot), bool)
             left[i] = False
@@ -146,8 +146,16 @@ def _agrees(velocity: np.ndarray, cov: np.ndarray, where: Located) -> np.ndarray
     return ~(miss**2 > 16 * variance)
 
 
-def with_doppler(births: Births, where: Located) -> Births:
-    """Births with the radial velocity taken in as a measurement of the velocity along the line of sight."""
+def with_velocity(births: Births, where: Located) -> Births:
+    """Births with what the plots tell of the velocity: all of it, or the part along the line of sight."""
+    if where.velocity is not None and where.velocity_cov is not None:
+        # Every component is the velocity along an axis.
+        axes = np.eye(where.velocity.shape[1])
+        if np.any(where.velocity_cov != np.diag(np.diag(where.velocity_cov))):
+            raise InputError("a velocity that plots tell needs components with independent errors")
+        for axis, told, variance in zip(axes, where.velocity.T, np.diag(where.velocity_cov), strict=True):
+            along = Located(where.position, where.cov, np.tile(axis, (len(told), 1)), told, float(variance))
+            births = with_velocity(births, along)
     if where.radial is None or where.direction is None or not len(births.plot):
         return births
     d = births.position.shape[1]
