@@ -6,10 +6,15 @@ python benchmarks/tracking.py scale
 python benchmarks/tracking.py aircraft --data ../shared/data/adsb_traffic
 python benchmarks/tracking.py traffic --data ../shared/data/stonesoup
 python benchmarks/tracking.py ais --data ../shared/data/stonesoup
+
+All of them, written into tracking.md beside this file: python benchmarks/tracking.py all --data ../shared/data
 """
 
 import argparse
+import contextlib
 import dataclasses
+import io
+import sys
 import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
@@ -248,25 +253,41 @@ def row(
     print(f"| {name} | {n} | {median:.1f} | {max(took):.1f} | {held:.1%} | {grows} |", flush=True)
 
 
+# What is made of which folder of data; one without a folder needs none.
+TABLES: dict[str, tuple[Callable[[Path], None], str]] = {
+    "autoferry": (autoferry_table, "autoferry"),
+    "autoferry-sensors": (autoferry_sensors, "autoferry"),
+    "scale": (lambda _: scale_table(), ""),
+    "aircraft": (aircraft, "adsb_traffic"),
+    "traffic": (traffic, "stonesoup"),
+    "ais": (ships, "stonesoup"),
+}
+
+
+def rewrite(page: Path, data: Path) -> None:
+    """Make all tables of the page again, each between the two comments that bear its name."""
+    for name, (table, folder) in TABLES.items():
+        made = io.StringIO()
+        print(f"{name} …", file=sys.stderr, flush=True)
+        with contextlib.redirect_stdout(made):
+            table(data / folder)
+        text = page.read_text(encoding="utf-8")
+        begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
+        head, rest = text.split(begin)
+        page.write_text(head + begin + made.getvalue() + rest[rest.index(end) :], encoding="utf-8")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("autoferry", "autoferry-sensors", "scale", "aircraft", "traffic", "ais"))
-    parser.add_argument("--data", type=Path, help="folder of the data set")
+    parser.add_argument("what", choices=(*TABLES, "all"))
+    parser.add_argument("--data", type=Path, help="folder of the data set; for all, the folder of all data sets")
     given = parser.parse_args()
-    if given.what == "scale":
-        scale_table()
-    elif given.data is None:
+    if given.data is None and given.what != "scale":
         parser.error(f"{given.what} needs --data FOLDER")
-    elif given.what == "autoferry":
-        autoferry_table(given.data)
-    elif given.what == "autoferry-sensors":
-        autoferry_sensors(given.data)
-    elif given.what == "aircraft":
-        aircraft(given.data)
-    elif given.what == "traffic":
-        traffic(given.data)
+    if given.what == "all":
+        rewrite(Path(__file__).with_suffix(".md"), given.data)
     else:
-        ships(given.data)
+        TABLES[given.what][0](given.data)
 
 
 if __name__ == "__main__":

@@ -18,26 +18,26 @@ def evidence(tracks, plots, seed, share=0.7):
     return Evidence(track, plot, rng.normal(1, 3, len(track)), silence, rng.uniform(0.1, 1, tracks), plots)
 
 
-def events(e):
+def events(e, weights):
     """All joint events: which pair each track has, -1 for none, with their log weights."""
     T = len(e.silence)
     choices = [[-1, *np.flatnonzero(e.track == t)] for t in range(T)]
     for event in product(*choices):
         taken = [e.plot[k] for k in event if k >= 0]
         if len(set(taken)) == len(taken):
-            yield event, sum(e.gain[k] for k in event if k >= 0)
+            yield event, sum(weights[k] for k in event if k >= 0)
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(1, 4), st.integers(1, 4), st.integers(0, 10**6))
 def test_gnn_finds_the_likeliest_event(tracks, plots, seed):
     e = evidence(tracks, plots, seed)
-    best = max(weight for _, weight in events(e))
+    best = max(weight for _, weight in events(e, e.score))
     found = gnn(e).share
     assert set(np.unique(found)) <= {0.0, 1.0}
     assert (np.bincount(e.track, found, tracks) <= 1).all()
     assert (np.bincount(e.plot, found, plots) <= 1).all()
-    assert found @ e.gain == pytest.approx(best, abs=1e-9) if len(e.track) else best == 0
+    assert found @ e.score == pytest.approx(best, abs=1e-9) if len(e.track) else best == 0
 
 
 @settings(max_examples=40, deadline=None)
@@ -45,7 +45,7 @@ def test_gnn_finds_the_likeliest_event(tracks, plots, seed):
 def test_jpda_is_the_sum_over_joint_events(tracks, plots, seed):
     e = evidence(tracks, plots, seed)
     share, total = np.zeros(len(e.track)), 0.0
-    for event, weight in events(e):
+    for event, weight in events(e, e.gain):
         total += np.exp(weight)
         for k in event:
             if k >= 0:
@@ -69,6 +69,14 @@ def test_a_wide_cluster_is_close_to_exact():
     assert np.abs(_propagated(rows, columns, gain) - exact).max() < 0.12
     assert np.bincount(rows, exact).max() <= 1 + 1e-12
     assert _exact(*(a.ravel() for a in np.mgrid[:20, :20]), np.zeros(400)) is None
+
+
+def test_a_track_in_doubt_still_takes_its_plot():
+    """Its plot is 3 times as likely as clutter, its existence 0.1: a hard decision takes the target as given."""
+    e = Evidence(np.array([0]), np.array([0]), np.log([3.0]), np.log([0.2]), np.array([0.1]), 1)
+    assert e.gain[0] < 0 < e.score[0]
+    assert gnn(e).share.tolist() == [1]
+    assert gnn(e).existence[0] > 0.1
 
 
 def test_nearest_may_share_a_plot_and_gnn_may_not():

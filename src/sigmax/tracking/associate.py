@@ -31,6 +31,11 @@ class Evidence(NamedTuple):
     plots: int
 
     @property
+    def score(self) -> np.ndarray:
+        """Log of how much likelier each pair is than that the track, if there is a target, has no plot (K,)."""
+        return self.ratio - self.silence[self.track]
+
+    @property
     def gain(self) -> np.ndarray:
         """Log of how much likelier each pair is than that the track has no plot (K,)."""
         quiet = np.log1p(self.existence * np.expm1(self.silence))
@@ -60,9 +65,10 @@ def gnn(e: Evidence) -> Association:
     """The likeliest assignment of plots to tracks, one to one (global nearest neighbour).
 
     Solved exactly as a sparse assignment in which each track may also stay without a plot; pairs of which
-    neither the track nor the plot has another choice are taken directly.
+    neither the track nor the plot has another choice are taken directly. Weighed as if all targets existed: a track
+    that is in doubt would else lose the plots that could confirm it.
     """
-    gain = e.gain
+    gain = e.score
     worth = gain > 0
     places = np.flatnonzero(worth)
     track, plot = e.track[places], e.plot[places]
