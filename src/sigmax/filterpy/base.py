@@ -39,10 +39,9 @@ class Base:
         self.y = np.zeros((dim_z, 1) if column else dim_z)
         self.S = np.zeros((dim_z, dim_z))
         self.z: Any = None
-        self._root: np.ndarray | None = None
-        self._of: np.ndarray | None = None
+        self._kept = {name: steps.Kept() for name in "PQR"}
         self._whitened: np.ndarray | None = None
-        self._log_likelihood = float(np.log(_FLOOR))
+        self._innovation_factor = np.zeros((0, 0))
         self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
 
@@ -63,12 +62,15 @@ class Base:
     @property
     def log_likelihood(self) -> float:
         """Of the last measurement, the logarithm of the density of its innovation."""
-        return self._log_likelihood
+        if self._whitened is None:
+            return float(np.log(_FLOOR))
+        w, determinant = self._whitened, np.log(self._innovation_factor.diagonal()).sum()
+        return float(-0.5 * (w @ w + len(w) * np.log(2 * np.pi)) - determinant)
 
     @property
     def likelihood(self) -> float:
         """Its exponential, never below the smallest normal number."""
-        return max(float(np.exp(self._log_likelihood)), _FLOOR)
+        return max(float(np.exp(self.log_likelihood)), _FLOOR)
 
     @property
     def mahalanobis(self) -> float | None:
@@ -81,15 +83,15 @@ class Base:
 
     def _factor(self) -> np.ndarray:
         """The factor of P: the one that made P, or a new one where P was set by the user."""
-        P = np.asarray(self.P, float)
-        if self._root is None or self._of is None or not np.array_equal(P, self._of):
-            self._root, self._of = steps.factor(np.atleast_2d(P)), P.copy()
-        return self._root
+        return self._kept["P"].factor(np.atleast_2d(np.asarray(self.P, float)))
+
+    def _noise_factor(self, name: str, given: Any, n: int) -> np.ndarray:
+        return self._kept[name].factor(matrix(name, given, n))
 
     def _hold(self, x: np.ndarray, S: np.ndarray) -> None:
         self.x = x.reshape(np.shape(self.x))
         self.P = S @ S.T
-        self._root, self._of = S, self.P.copy()
+        self._kept["P"].keep(self.P, S)
 
     def _predicted(self, x: np.ndarray, S: np.ndarray) -> None:
         self._hold(x, S)
@@ -101,25 +103,26 @@ class Base:
 
     def _correct(self, z: Any, y: np.ndarray, line: steps.Line, R: Any, add: Any = np.add) -> None:
         """Correct with the innovation y (m,), components that are NaN left out."""
-        m = len(y)
-        seen = ~np.isnan(y)
-        if not seen.any():
+        m, n = len(y), self.dim_x
+        missing = np.isnan(y)
+        if missing.all():
             self._updated(None)
             return
-        noise = matrix("R", R, m)[np.ix_(seen, seen)]
-        made = steps.correct(self._factor(), steps.Line(*(part[seen] for part in line)), noise, y[seen])
-        shift = made.gain @ y[seen]
+        if missing.any():
+            seen = np.flatnonzero(~missing)
+            Lr = steps.factor(matrix("R", R, m)[np.ix_(seen, seen)])
+            made = steps.correct(self._factor(), steps.Line(*(part[seen] for part in line)), Lr, y[seen])
+            shift = made.gain @ y[seen]
+            self.K, self.S = np.zeros((n, m)), np.full((m, m), np.nan)
+            self.K[:, seen] = made.gain
+            self.S[np.ix_(seen, seen)] = made.innovation_factor @ made.innovation_factor.T
+        else:
+            made = steps.correct(self._factor(), line, self._noise_factor("R", R, m), y)
+            shift = made.gain @ y
+            self.K, self.S = made.gain, made.innovation_factor @ made.innovation_factor.T
         self._hold(np.asarray(add(np.ravel(self.x), shift), float), made.factor)
         self.y = y.reshape(-1, 1) if np.ndim(self.x) == 2 else y
-        self.K = np.zeros((self.dim_x, m))
-        self.K[:, seen] = made.gain
-        self.S = np.full((m, m), np.nan)
-        self.S[np.ix_(seen, seen)] = made.innovation_factor @ made.innovation_factor.T
-        self._whitened = made.whitened
-        determinant = np.log(np.diag(made.innovation_factor)).sum()
-        self._log_likelihood = float(
-            -0.5 * (made.whitened @ made.whitened + seen.sum() * np.log(2 * np.pi)) - determinant
-        )
+        self._whitened, self._innovation_factor = made.whitened, made.innovation_factor
         self._updated(np.copy(z))
 
 

@@ -33,9 +33,14 @@ class Pointwise:
                 values = np.empty(0)
             if values.ndim == 1 and len(want) == 1:
                 values = values[None]
-            if values.shape == (len(want), len(points)) and np.allclose(
-                values[:, k], want, rtol=1e-12, atol=1e-14 * np.abs(want).max(initial=0), equal_nan=True
-            ):
+            if values.shape == (len(want), len(points)) and _same(values[:, k], want):
                 return values.T
             self.together = False
         return np.array([alone(k) for k in range(len(points))])
+
+
+def _same(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two results differ by no more than two versions of the same functions do."""
+    return a.tobytes() == b.tobytes() or np.allclose(
+        a, b, rtol=1e-12, atol=1e-14 * np.abs(b).max(initial=0), equal_nan=True
+    )

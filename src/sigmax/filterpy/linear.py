@@ -6,7 +6,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filterpy import steps
-from sigmax.filterpy.base import Base, matrix, tuple_of
+from sigmax.filterpy.base import Base, tuple_of
 
 
 class KalmanFilter(Base):
@@ -43,7 +43,7 @@ class KalmanFilter(Base):
         moved = F @ np.ravel(self.x)
         if B is not None and u is not None:
             moved = moved + np.ravel(np.dot(B, u))
-        noise = matrix("Q", self.Q if Q is None else Q, self.dim_x)
+        noise = self._noise_factor("Q", self.Q if Q is None else Q, self.dim_x)
         self._predicted(moved, steps.predict(steps.straight(self._fading * F @ self._factor()), noise))
 
     def update(self, z: Any, R: Any = None, H: Any = None) -> None:
@@ -100,9 +100,9 @@ class KalmanFilter(Base):
         later = steps.factor(ps[-1])
         for k in range(len(xs) - 2, -1, -1):
             F = np.asarray(self.F if Fs is None else Fs[k + 1], float)
-            Q = matrix("Q", self.Q if Qs is None else Qs[k + 1], self.dim_x)
+            Lq = self._noise_factor("Q", self.Q if Qs is None else Qs[k + 1], self.dim_x)
             S = steps.factor(ps[k])
-            later, gains[k], predicted[k] = steps.smooth(S, steps.straight(F @ S), Q, later)
+            later, gains[k], predicted[k] = steps.smooth(S, steps.straight(F @ S), Lq, later)
             xs[k] += gains[k] @ (xs[k + 1] - F @ xs[k])
             ps[k] = later @ later.T
         return xs, ps, gains, predicted
@@ -140,7 +140,7 @@ class ExtendedKalmanFilter(Base):
         S = self._factor()
         self.predict_x(u)
         line = steps.straight(np.asarray(self.F, float) @ S)
-        self._predicted(np.ravel(np.asarray(self.x, float)), steps.predict(line, matrix("Q", self.Q, self.dim_x)))
+        self._predicted(np.ravel(np.asarray(self.x, float)), steps.predict(line, self._noise_factor("Q", self.Q, self.dim_x)))
 
     def update(
         self, z: Any, HJacobian: Any, Hx: Any, R: Any = None, args: Any = (), hx_args: Any = (),

@@ -7,7 +7,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filterpy import steps
-from sigmax.filterpy.base import Base, matrix, tuple_of
+from sigmax.filterpy.base import Base, tuple_of
 from sigmax.filterpy.calls import Pointwise
 from sigmax.filterpy.points import Cubature
 
@@ -37,7 +37,7 @@ class _Sampled(Base):
         S = self._factor()
         dt = self._dt if dt is None else dt
         mean, line = self._moved(np.ravel(self.x), S, self._through(fx or self.fx), dt, *arguments, **named)
-        self._predicted(mean, steps.predict(line, matrix("Q", self.Q, self.dim_x)))
+        self._predicted(mean, steps.predict(line, self._noise_factor("Q", self.Q, self.dim_x)))
         self.sigmas_f = self._draw(mean, self._factor())
 
     def _update(self, z: Any, R: Any, hx: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> None:
@@ -118,8 +118,8 @@ class _Sampled(Base):
         for k in range(len(xs) - 2, -1, -1):
             S, x = steps.factor(ps[k]), xs[k].ravel()
             mean, line = self._moved(x, S, fx, self._dt if dts is None else _at(dts, k + 1))
-            Q = matrix("Q", self.Q if Qs is None else Qs[k + 1], self.dim_x)
-            later, gains[k], _ = steps.smooth(S, line, Q, later)
+            Lq = self._noise_factor("Q", self.Q if Qs is None else Qs[k + 1], self.dim_x)
+            later, gains[k], _ = steps.smooth(S, line, Lq, later)
             shift = gains[k] @ np.ravel(self.residual_x(xs[k + 1].ravel(), mean))
             xs[k] = np.reshape(self.state_add(x, shift), xs[k].shape)
             ps[k] = later @ later.T

@@ -1,18 +1,20 @@
-"""Prediction, correction and smoothing of a factor, given what a linearisation says: compiled once a shape.
+"""Prediction, correction and smoothing of a factor, given what a linearisation says: LAPACK on small matrices.
 
-Where a covariance is not positive definite these raise `numpy.linalg.LinAlgError`, as FilterPy's users expect.
+One step at a time, calling a compiled function costs more than what it does, so these are plain NumPy; they do what
+`forms.square_root` does. Where a covariance is not positive definite they raise `numpy.linalg.LinAlgError`, as
+FilterPy's users expect.
 """
 
+from functools import cache
+from math import isfinite
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
+from scipy.linalg.blas import dtrsm
+from scipy.linalg.lapack import dgeqrf, dpotrf
 
-from sigmax.algebra.arrays import outer, product
-from sigmax.algebra.factor import cholesky, downdate, inverse_lower, solve_lower, square, tria
-from sigmax.forms import block
-from sigmax.rules import Linearization
+from sigmax.algebra.factor import cholesky
 
 
 class Line(NamedTuple):
@@ -40,16 +42,36 @@ def factor(P: np.ndarray) -> np.ndarray:
     Raises:
         numpy.linalg.LinAlgError: where P has a negative eigenvalue.
     """
-    S, sound = _factor(P)
+    S, failed = dpotrf(P, lower=1, clean=1)
+    if not failed:
+        return np.asarray(S)
+    S, sound = _semidefinite(P)
     _refuse(sound, "P is not positive semidefinite: it has a negative eigenvalue beyond rounding")
     return np.asarray(S)
 
 
-def predict(line: Line, Q: np.ndarray) -> np.ndarray:
-    """The factor of the predicted covariance."""
-    S, sound = _predict(line, Q)
-    _refuse(sound, "the predicted covariance is not positive definite; a sigma point of negative weight took too much")
-    return np.asarray(S)
+class Kept:
+    """The factor of a covariance that mostly is the one of the call before; it may change in place."""
+
+    def __init__(self) -> None:
+        self._of = b""
+        self._factor: np.ndarray = np.empty(0)
+
+    def factor(self, P: np.ndarray) -> np.ndarray:
+        """Lower S with S Sᵀ = P."""
+        if P.tobytes() != self._of:
+            self.keep(P, factor(P))
+        return self._factor
+
+    def keep(self, P: np.ndarray, S: np.ndarray) -> None:
+        """Take S for the factor of P."""
+        self._factor, self._of = S, P.tobytes()
+
+
+def predict(line: Line, Lq: np.ndarray) -> np.ndarray:
+    """The factor of the predicted covariance, with the factor of the noise."""
+    why = "the predicted covariance is not positive definite; a sigma point of negative weight took too much"
+    return _less(_tria((line.slope, line.residual, Lq), why), line.deficit, why)
 
 
 class Corrected(NamedTuple):
@@ -61,19 +83,76 @@ class Corrected(NamedTuple):
     innovation_factor: np.ndarray
 
 
-def correct(S: np.ndarray, line: Line, R: np.ndarray, y: np.ndarray) -> Corrected:
-    """The effect of a measurement with innovation y (m,) and noise R (m, m)."""
-    *made, sound = _correct(S, line, R, y)
-    _refuse(sound, "the covariance of the innovation is not positive definite; R may be zero or a weight too negative")
-    return Corrected(*(np.asarray(a) for a in made))
+def correct(S: np.ndarray, line: Line, Lr: np.ndarray, y: np.ndarray) -> Corrected:
+    """The effect of a measurement with innovation y (m,) and the factor of its noise (m, m).
+
+    [[R̃, E], [0, S]] triangularised at once to [[S_y, 0], [K S_y, S⁺]], with R̃ = tria[L_r, N] less D.
+    """
+    why = "the covariance of the innovation is not positive definite; R may be zero or a weight too negative"
+    m, n = line.slope.shape
+    if line.deficit.shape[1]:
+        Lr = _less(_tria((Lr, line.residual), why), line.deficit, why)
+        beside = [Lr]
+    else:
+        beside = [Lr, line.residual]
+    wide = sum(part.shape[1] for part in beside)
+    whole = np.zeros((m + n, wide + n))
+    whole[:m] = np.concatenate([*beside, line.slope], axis=1)
+    whole[m:, wide:] = S
+    made = _tria((whole,), why)
+    Sy, half = made[:m, :m], made[m:, :m]
+    # A pivot within rounding of zero is none.
+    squared = (Sy * Sy).sum(1)
+    _refuse((Sy.diagonal() ** 2 > 1e-30 * squared).all(), why)
+    gain = _solved(Sy, half.T, turned=True).T
+    return Corrected(made[m:, m:], gain, _solved(Sy, y[:, None]).ravel(), Sy)
 
 
-def smooth(S: np.ndarray, line: Line, Q: np.ndarray, later: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Backwards over one prediction: factor of the smoothed covariance, gain, predicted covariance."""
-    *made, sound = _smooth(S, line, Q, later)
-    _refuse(sound, "a predicted or smoothed covariance is not positive definite")
-    root, gain, predicted = (np.asarray(a) for a in made)
-    return root, gain, predicted
+def smooth(S: np.ndarray, line: Line, Lq: np.ndarray, later: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Backwards over one prediction: factor of the smoothed covariance, gain, predicted covariance.
+
+    G = S Eᵀ P⁻¹ and S_s = tria[S − G E, G L_q, G N, G S_later], less G D.
+    """
+    why = "a predicted or smoothed covariance is not positive definite"
+    predicted = predict(line, Lq)
+    _refuse((predicted.diagonal() > 0).all(), why)
+    gain = _solved(predicted, _solved(predicted, line.slope @ S.T), turned=True).T
+    root = _tria((S - gain @ line.slope, gain @ Lq, gain @ line.residual, gain @ later), why)
+    return _less(root, gain @ line.deficit, why), gain, predicted @ predicted.T
+
+
+def _tria(parts: tuple[np.ndarray, ...], why: str) -> np.ndarray:
+    """Lower L with a diagonal that is not negative, L Lᵀ = A Aᵀ for A (n, k), k ≥ n, in parts side by side."""
+    A = np.concatenate(parts, axis=1) if len(parts) > 1 else parts[0]
+    n = len(A)
+    # Rows of A are columns to LAPACK: a view, no copy to be turned.
+    R = dgeqrf(A.T)[0][:n]
+    L = (R * _upper(n)).T * np.copysign(1.0, R.diagonal())
+    _refuse(isfinite(L.sum()), why)
+    return L
+
+
+def _less(L: np.ndarray, D: np.ndarray, why: str) -> np.ndarray:
+    """Factor of L Lᵀ − D Dᵀ = L (I − W Wᵀ) Lᵀ, W = L⁻¹ D: the difference is taken where both are of size one."""
+    if not D.shape[1]:
+        return L
+    # What is known exactly has a zero column in L, and nothing can be taken from it.
+    known = L.diagonal() == 0
+    _refuse(not D[known].any(), why)
+    W = _solved(L + np.diag(known.astype(float)) if known.any() else L, D)
+    within, failed = dpotrf(np.eye(len(L)) - W @ W.T, lower=1, clean=1)
+    _refuse(not failed, why)
+    return np.asarray(L @ within)
+
+
+def _solved(L: np.ndarray, B: np.ndarray, turned: bool = False) -> np.ndarray:
+    """L⁻¹ B, or L⁻ᵀ B. LAPACK's own routine for it would wake threads for the smallest matrix."""
+    return np.asarray(dtrsm(1.0, L, B, lower=1, trans_a=int(turned)))
+
+
+@cache
+def _upper(n: int) -> np.ndarray:
+    return np.triu(np.ones((n, n)))
 
 
 def _refuse(sound: Any, why: str) -> None:
@@ -81,40 +160,4 @@ def _refuse(sound: Any, why: str) -> None:
         raise np.linalg.LinAlgError(why)
 
 
-_factor = jax.jit(cholesky)
-
-
-def _linearization(line: Line) -> Linearization:
-    return Linearization(line.slope[:, 0], *(jnp.asarray(part) for part in line))
-
-
-@jax.jit
-def _predict(line: Line, Q: jax.Array) -> tuple[jax.Array, jax.Array]:
-    Lq, noise_sound = cholesky(Q)
-    S, _, sound = block.predict(_linearization(line), Lq)
-    return S, sound & noise_sound & jnp.isfinite(S.sum())
-
-
-@jax.jit
-def _correct(S: jax.Array, line: Line, R: jax.Array, y: jax.Array) -> tuple[jax.Array, ...]:
-    Lr, noise_sound = cholesky(R)
-    made = block.correct(S, (), _linearization(line), Lr, y)
-    Sy = made.innovation_factor
-    gain = product(solve_lower(Sy, outer(line.slope, S)).swapaxes(0, 1), inverse_lower(Sy))
-    sound = made.sound & noise_sound & jnp.isfinite(made.factor.sum() + gain.sum())
-    return made.factor, gain, made.whitened, Sy, sound
-
-
-@jax.jit
-def _smooth(S: jax.Array, line: Line, Q: jax.Array, later: jax.Array) -> tuple[jax.Array, ...]:
-    """G = S Eᵀ P⁻¹ and S_s = tria[S − G E, G L_q, G N, G S_later], less G D."""
-    Lq, sound = cholesky(Q)
-    predicted, _, exists = block.predict(_linearization(line), Lq)
-    half = solve_lower(predicted, outer(line.slope, S))
-    gain = product(half.swapaxes(0, 1), inverse_lower(predicted))
-    beside = [product(gain, part) for part in (Lq, line.residual, later) if part.shape[1]]
-    root = tria(jnp.concatenate([S - product(gain, line.slope), *beside], axis=1))
-    if line.deficit.shape[1]:
-        root, less = downdate(root, product(gain, line.deficit))
-        exists &= less
-    return root, gain, square(predicted), sound & exists & jnp.isfinite(root.sum())
+_semidefinite = jax.jit(cholesky)
