@@ -111,6 +111,82 @@ def test_interacting_models_are_filterpys(theirs):
     same(one, other, "x P x_prior P_prior mu cbar omega likelihood")
 
 
+def test_a_bank_of_filters_finds_the_right_one():
+    """FilterPy's own bank sums covariances about the wrong means; here against the sum of Gaussians by hand."""
+    filters = [prepared(ours.KalmanFilter(N, M)) for _ in range(2)]
+    for k, size in zip(filters, (1.0, 400.0), strict=True):
+        k.F, k.H, k.Q = F, H, Q * size
+    bank = ours.MMAEFilterBank(filters, (0.5, 0.5), dim_x=N)
+    odds = 1.0
+    for z in [*Z, None]:
+        bank.predict()
+        bank.update(z)
+        odds *= 1.0 if z is None else filters[0].likelihood / filters[1].likelihood
+    close(bank.p, [odds / (1 + odds), 1 / (1 + odds)])
+    x = sum(p * k.x for p, k in zip(bank.p, filters, strict=True))
+    close(bank.x, x)
+    close(bank.P, sum(p * (k.P + (k.x - x) @ (k.x - x).T) for p, k in zip(bank.p, filters, strict=True)))
+
+
+def test_the_other_methods_of_the_linear_filter_are_filterpys(theirs):
+    one, other = (prepared(lib.KalmanFilter(N, M)) for lib in (ours, theirs))
+    for k in (one, other):
+        k.F, k.H, k.M = F, H, np.array([[0.02, 0.0], [0.0, 0.03], [0.01, 0.0]])
+    for z in Z[:4].reshape(-1, M, 1):
+        for a, b in zip(one.get_prediction(), other.get_prediction(), strict=True):
+            close(a, b)
+        one.predict()
+        other.predict()
+        for a, b in zip(one.get_update(z), other.get_update(z), strict=True):
+            close(a, b)
+        one.update_correlated(z)
+        other.update_correlated(z)
+        same(one, other, "x P y S K log_likelihood")
+        close(one.log_likelihood_of(z), other.log_likelihood_of(z.ravel() if z.ndim == 1 else z))
+        for k in (one, other):
+            k.predict()
+            k.update(z)
+            k.predict_steadystate()
+            k.update_steadystate(z)
+        same(one, other, "x P y S K x_prior P_prior log_likelihood mahalanobis")
+        for k in (one, other):
+            k.R = np.diag([0.2, 0.3])
+            k.z = np.zeros((M, 1))
+            k.update_sequential(1, z[1])
+            k.update_sequential(0, z[:1])
+            k.R = R.copy()
+        same(one, other, "x P y K z x_post P_post")
+
+
+def test_shapes_are_checked_on_demand():
+    k = prepared(ours.KalmanFilter(N, M))
+    k.test_matrix_dimensions(z=Z[0])
+    with pytest.raises(sigmax.InputError, match=r"z must have the shape \(2,\); it has \(3,\)"):
+        k.test_matrix_dimensions(z=[1, 2, 3])
+    k.F = np.eye(2)
+    with pytest.raises(sigmax.InputError, match=r"F must have the shape \(3, 3\)"):
+        k.test_matrix_dimensions()
+
+
+def test_what_is_not_there_says_what_to_take():
+    with pytest.raises(ImportError, match="use KalmanFilter, which carries the factor"):
+        from sigmax.filterpy import SquareRootKalmanFilter  # noqa: F401
+    with pytest.raises(AttributeError, match="no attribute 'Kalman'"):
+        _ = ours.Kalman
+
+
+def test_a_state_known_exactly_stays_known_with_weights_of_both_signs():
+    """A component without variance, under a centre of negative weight."""
+    motion = lambda x, dt: np.concatenate([(F @ x)[:2], x[2:]])  # noqa: E731
+    k = prepared(ours.UnscentedKalmanFilter(N, M, 0.1, lambda x: H @ x, motion, points(ours, "Julier")))
+    k.P, k.Q = np.diag([1.0, 0.5, 0.0]), np.diag([0.1, 0.1, 0.0])
+    for z in Z[:3]:
+        k.predict()
+        k.update(z)
+    assert k.x[2] == 0.3
+    assert not k.P[2].any()
+
+
 def exact(rows):
     """The Kalman filter by its equations, on the linear model."""
     x, P = np.array([0.1, -0.2, 0.3]), P0

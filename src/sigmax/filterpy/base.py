@@ -39,7 +39,7 @@ class Base:
         self.y = np.zeros((dim_z, 1) if column else dim_z)
         self.S = np.zeros((dim_z, dim_z))
         self.z: Any = None
-        self._kept = {name: steps.Kept() for name in "PQR"}
+        self._kept = {name: steps.Kept(name) for name in "PQR"}
         self._whitened: np.ndarray | None = None
         self._innovation_factor = np.zeros((0, 0))
         self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
@@ -62,10 +62,7 @@ class Base:
     @property
     def log_likelihood(self) -> float:
         """Of the last measurement, the logarithm of the density of its innovation."""
-        if self._whitened is None:
-            return float(np.log(_FLOOR))
-        w, determinant = self._whitened, np.log(self._innovation_factor.diagonal()).sum()
-        return float(-0.5 * (w @ w + len(w) * np.log(2 * np.pi)) - determinant)
+        return float(np.log(_FLOOR)) if self._whitened is None else self._log_density(self._whitened)
 
     @property
     def likelihood(self) -> float:
@@ -83,7 +80,15 @@ class Base:
 
     def _factor(self) -> np.ndarray:
         """The factor of P: the one that made P, or a new one where P was set by the user."""
-        return self._kept["P"].factor(np.atleast_2d(np.asarray(self.P, float)))
+        return self._kept["P"].factor(matrix("P", self.P, self.dim_x))
+
+    def _density(self, y: np.ndarray) -> float:
+        """The logarithm of the density of an innovation y (m,) by the last S."""
+        return self._log_density(np.linalg.solve(self._innovation_factor, y))
+
+    def _log_density(self, w: np.ndarray) -> float:
+        determinant = np.log(self._innovation_factor.diagonal()).sum()
+        return float(-0.5 * (w @ w + len(w) * np.log(2 * np.pi)) - determinant)
 
     def _noise_factor(self, name: str, given: Any, n: int) -> np.ndarray:
         return self._kept[name].factor(matrix(name, given, n))
@@ -103,24 +108,27 @@ class Base:
 
     def _correct(self, z: Any, y: np.ndarray, line: steps.Line, R: Any, add: Any = np.add) -> None:
         """Correct with the innovation y (m,), components that are NaN left out."""
-        m, n = len(y), self.dim_x
+        m = len(y)
         missing = np.isnan(y)
-        if missing.all():
+        if not missing.any():
+            self._take(z, y, steps.correct(self._factor(), line, self._noise_factor("R", R, m), y), add)
+            return
+        seen = np.flatnonzero(~missing)
+        if not len(seen):
             self._updated(None)
             return
-        if missing.any():
-            seen = np.flatnonzero(~missing)
-            Lr = steps.factor(matrix("R", R, m)[np.ix_(seen, seen)])
-            made = steps.correct(self._factor(), steps.Line(*(part[seen] for part in line)), Lr, y[seen])
-            shift = made.gain @ y[seen]
-            self.K, self.S = np.zeros((n, m)), np.full((m, m), np.nan)
-            self.K[:, seen] = made.gain
-            self.S[np.ix_(seen, seen)] = made.innovation_factor @ made.innovation_factor.T
-        else:
-            made = steps.correct(self._factor(), line, self._noise_factor("R", R, m), y)
-            shift = made.gain @ y
-            self.K, self.S = made.gain, made.innovation_factor @ made.innovation_factor.T
-        self._hold(np.asarray(add(np.ravel(self.x), shift), float), made.factor)
+        Lr = steps.factor(matrix("R", R, m)[np.ix_(seen, seen)], "R")
+        made = steps.correct(self._factor(), steps.Line(*(part[seen] for part in line)), Lr, y[seen])
+        self._take(z, y[seen], made, add)
+        y_seen, K_seen, S_seen = self.y, self.K, self.S
+        self.y = np.full((m, *y_seen.shape[1:]), np.nan)
+        self.K, self.S = np.zeros((self.dim_x, m)), np.full((m, m), np.nan)
+        self.y[seen], self.K[:, seen], self.S[np.ix_(seen, seen)] = y_seen, K_seen, S_seen
+
+    def _take(self, z: Any, y: np.ndarray, made: steps.Corrected, add: Any) -> None:
+        """The state after a correction, and its results."""
+        self._hold(np.asarray(add(np.ravel(self.x), made.gain @ y), float), made.factor)
+        self.K, self.S = made.gain, made.innovation_factor @ made.innovation_factor.T
         self.y = y.reshape(-1, 1) if np.ndim(self.x) == 2 else y
         self._whitened, self._innovation_factor = made.whitened, made.innovation_factor
         self._updated(np.copy(z))

@@ -43,7 +43,7 @@ class IMMEstimator:
 
     def predict(self, u: Any = None) -> None:
         """Mix the states, then predict with every filter."""
-        mixed = [self._moments(weights) for weights in self.omega.T]
+        mixed = [moments(self.filters, weights) for weights in self.omega.T]
         for f, (x, P) in zip(self.filters, mixed, strict=True):
             f.x, f.P = x, P
             f.predict(**({} if u is None else {"u": u}))
@@ -73,14 +73,16 @@ class IMMEstimator:
         self.omega = np.divide(joint, self.cbar, out=np.zeros_like(joint), where=self.cbar > 0)
 
     def _combine(self) -> None:
-        self.x, self.P = self._moments(self.mu)
+        self.x, self.P = moments(self.filters, self.mu)
 
-    def _moments(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        first = self.filters[0]
-        mean_of = getattr(first, "x_mean", None)
-        residual = getattr(first, "residual_x", np.subtract)
-        xs = np.array([np.ravel(f.x) for f in self.filters], float)
-        mean = weights @ xs if mean_of is None else np.ravel(mean_of(xs, weights))
-        off = np.array([np.ravel(residual(x.copy(), mean.copy())) for x in xs])
-        P = sum(w * (np.outer(d, d) + f.P) for w, d, f in zip(weights, off, self.filters, strict=True))
-        return mean.reshape(np.shape(first.x)), np.asarray(P)
+
+def moments(filters: Any, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of the weighted sum of the filters' Gaussians, by the hooks of the first."""
+    first = filters[0]
+    mean_of = getattr(first, "x_mean", None)
+    residual = getattr(first, "residual_x", np.subtract)
+    xs = np.array([np.ravel(f.x) for f in filters], float)
+    mean = weights @ xs if mean_of is None else np.ravel(mean_of(xs, weights))
+    off = np.array([np.ravel(residual(x.copy(), mean.copy())) for x in xs])
+    P = sum(w * (np.outer(d, d) + f.P) for w, d, f in zip(weights, off, filters, strict=True))
+    return mean.reshape(np.shape(first.x)), np.asarray(P)

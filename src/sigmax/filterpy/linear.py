@@ -1,12 +1,13 @@
-"""FilterPy's linear and extended filters: the line is given, as F and H or by a Jacobian."""
+"""FilterPy's linear filter."""
 
+from copy import copy
 from typing import Any
 
 import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filterpy import steps
-from sigmax.filterpy.base import Base, tuple_of
+from sigmax.filterpy.base import Base, matrix
 
 
 class KalmanFilter(Base):
@@ -16,6 +17,11 @@ class KalmanFilter(Base):
         dim_x: n.
         dim_z: m.
         dim_u: number of inputs.
+
+    Attributes:
+        F, B, H: motion (n, n), effect of the input (n, k) or None, sensor (m, n).
+        M: covariance of the motion's noise with the sensor's (n, m), for `update_correlated`.
+        alpha: the fading memory.
     """
 
     def __init__(self, dim_x: int, dim_z: int, dim_u: int = 0) -> None:
@@ -24,6 +30,7 @@ class KalmanFilter(Base):
         self.F: Any = np.eye(dim_x)
         self.B: Any = None
         self.H: Any = np.zeros((dim_z, dim_x))
+        self.M: Any = np.zeros((dim_x, dim_z))
         self._fading = 1.0
 
     @property
@@ -39,24 +46,74 @@ class KalmanFilter(Base):
 
     def predict(self, u: Any = None, B: Any = None, F: Any = None, Q: Any = None) -> None:
         """Move the state on: x ← F x + B u, P ← α² F P Fᵀ + Q."""
-        F, B = self.F if F is None else np.asarray(F, float), self.B if B is None else B
-        moved = F @ np.ravel(self.x)
-        if B is not None and u is not None:
-            moved = moved + np.ravel(np.dot(B, u))
-        noise = self._noise_factor("Q", self.Q if Q is None else Q, self.dim_x)
-        self._predicted(moved, steps.predict(steps.straight(self._fading * F @ self._factor()), noise))
+        self._predicted(*self._moved(u, B, F, Q))
+
+    def get_prediction(self, u: Any = None, B: Any = None, F: Any = None, Q: Any = None) -> tuple[Any, Any]:
+        """State and covariance that `predict` would give; the filter stays as it is."""
+        x, S = self._moved(u, B, F, Q)
+        return x.reshape(np.shape(self.x)), S @ S.T
+
+    def predict_steadystate(self, u: Any = None, B: Any = None) -> None:
+        """Move the state on and leave P as it is."""
+        self.x = self._ahead(self.F, u, self.B if B is None else B).reshape(np.shape(self.x))
+        self.x_prior, self.P_prior = self.x.copy(), np.copy(self.P)
 
     def update(self, z: Any, R: Any = None, H: Any = None) -> None:
         """Correct with z, a number, (m,) or (m, 1), None or NaN where it is missing."""
         if z is None:
             self._updated(None)
             return
-        H = np.atleast_2d(np.asarray(self.H if H is None else H, float))
-        measured = np.ravel(np.asarray(z, float))
-        if len(measured) != len(H):
-            raise InputError(f"z has {len(measured)} components, H has {len(H)} rows")
-        line = steps.straight(H @ self._factor())
-        self._correct(z, measured - H @ np.ravel(self.x), line, self.R if R is None else R)
+        y, H = self._off(z, H)
+        self._correct(z, y, steps.straight(H @ self._factor()), self.R if R is None else R)
+
+    def get_update(self, z: Any = None) -> tuple[Any, Any]:
+        """State and covariance that `update` would give; the filter stays as it is."""
+        other = copy(self)
+        other._kept = {name: copy(kept) for name, kept in self._kept.items()}
+        other.update(z)
+        return other.x, other.P
+
+    def update_steadystate(self, z: Any) -> None:
+        """Correct x by the gain K as it is, and leave P, S and K."""
+        if z is not None:
+            y, _ = self._off(z, None)
+            self.x = self.x + (self.K @ y).reshape(np.shape(self.x))
+            self.y = y.reshape(-1, 1) if np.ndim(self.x) == 2 else y
+            self._whitened = np.linalg.solve(self._innovation_factor, y)
+        self._updated(None if z is None else np.copy(z))
+
+    def update_correlated(self, z: Any, R: Any = None, H: Any = None) -> None:
+        """Correct where the noise of the motion before and that of the sensor have the covariance `M` (n, m)."""
+        if z is None:
+            self._updated(None)
+            return
+        y, H = self._off(z, H)
+        noise = matrix("R", self.R if R is None else R, len(y))
+        # State and noise of the sensor as one Gaussian, of which H x + v is a straight line.
+        together = np.block([[np.asarray(self.P, float), self.M], [np.transpose(self.M), noise]])
+        joint = steps.factor(together)
+        line = steps.straight(H @ joint[: self.dim_x] + joint[self.dim_x :])
+        made = steps.correct(joint[: self.dim_x], line, np.zeros((len(y), 0)), y)
+        self._take(z, y, made, np.add)
+
+    def update_sequential(self, start: int, z_i: Any, R_i: Any = None, H_i: Any = None) -> None:
+        """Correct with the components of a measurement from `start` on; `y`, `z` and `K` keep the others.
+
+        Args:
+            start: the first component.
+            z_i: the value, or values.
+            R_i: their covariance, if not that part of R.
+            H_i: their rows, if not those of H.
+        """
+        part = slice(start, start + np.size(z_i))
+        n, m, column = self.dim_x, self.dim_z, np.ndim(self.x) == 2
+        known = np.size(self.z) == m and self.z is not None
+        z = np.array(self.z, float).ravel() if known else np.full(m, np.nan)
+        y, K = np.resize(self.y, m), np.resize(self.K, (n, m))
+        R = matrix("R", self.R, m)[part, part] if R_i is None else R_i
+        self.update(z_i, R=R, H=np.asarray(self.H)[part] if H_i is None else H_i)
+        y[part], K[:, part], z[part] = np.ravel(self.y), self.K, np.ravel(z_i)
+        self.y, self.K, self.z = y.reshape(-1, 1) if column else y, K, z.reshape(-1, 1) if column else z
 
     def batch_filter(
         self, zs: Any, Fs: Any = None, Qs: Any = None, Hs: Any = None, Rs: Any = None, Bs: Any = None,
@@ -107,6 +164,10 @@ class KalmanFilter(Base):
             ps[k] = later @ later.T
         return xs, ps, gains, predicted
 
+    def log_likelihood_of(self, z: Any) -> float:
+        """Of a measurement z, by the state and the covariance S of after the last one."""
+        return super().log_likelihood if z is None else self._density(self._off(z, None)[0])
+
     def residual_of(self, z: Any) -> np.ndarray:
         """Z − H x of the last prediction."""
         return np.reshape(np.asarray(z, float), self.y.shape) - np.dot(self.H, self.x_prior)
@@ -115,62 +176,42 @@ class KalmanFilter(Base):
         """H x."""
         return np.dot(self.H, x)
 
+    def test_matrix_dimensions(self, z: Any = None, H: Any = None, R: Any = None, F: Any = None, Q: Any = None) -> None:
+        """Whether everything has the shape it should have, those given taken in place of the filter's own.
 
-class ExtendedKalmanFilter(Base):
-    """FilterPy's extended filter: override `predict_x`, or set F; the sensor comes with each measurement.
-
-    Args:
-        dim_x: n.
-        dim_z: m.
-        dim_u: number of inputs.
-    """
-
-    def __init__(self, dim_x: int, dim_z: int, dim_u: int = 0) -> None:
-        super().__init__(dim_x, dim_z, column=True)
-        self.dim_u = dim_u
-        self.F: Any = np.eye(dim_x)
-        self.B: Any = 0
-
-    def predict_x(self, u: Any = 0) -> None:
-        """X ← F x + B u; override it for a motion that is not linear, and set F there."""
-        self.x = np.dot(self.F, self.x) + np.dot(self.B, u)
-
-    def predict(self, u: Any = 0) -> None:
-        """Move the state on: `predict_x`, then P ← F P Fᵀ + Q."""
-        S = self._factor()
-        self.predict_x(u)
-        line = steps.straight(np.asarray(self.F, float) @ S)
-        self._predicted(np.ravel(np.asarray(self.x, float)), steps.predict(line, self._noise_factor("Q", self.Q, self.dim_x)))
-
-    def update(
-        self, z: Any, HJacobian: Any, Hx: Any, R: Any = None, args: Any = (), hx_args: Any = (),
-        residual: Any = np.subtract,
-    ) -> None:  # fmt: skip
-        """Correct with z, None or NaN where it is missing.
-
-        Args:
-            z: the measurement, a number, (m,) or (m, 1).
-            HJacobian: x, *args -> H (m, n).
-            Hx: x, *hx_args -> the expected measurement, of z's shape.
-            R: its covariance or variance, if not the filter's.
-            args: for HJacobian.
-            hx_args: for Hx.
-            residual: z, expected -> their difference.
+        Raises:
+            InputError: says what has another shape, and what it should be.
         """
-        if z is None:
-            self._updated(None)
-            return
-        H = np.atleast_2d(np.asarray(HJacobian(self.x, *tuple_of(args)), float))
-        expected = np.asarray(Hx(self.x, *tuple_of(hx_args)), float)
-        measured = np.asarray(z, float)
-        if measured.size != expected.size:
-            raise InputError(f"z has {measured.size} components, Hx gives {expected.size}")
-        y = np.ravel(np.asarray(residual(measured.reshape(expected.shape), expected), float))
-        self._correct(z, y, steps.straight(H @ self._factor()), self.R if R is None else R)
+        n, H = self.dim_x, np.asarray(self.H if H is None else H)
+        m = len(H) if H.ndim == 2 else self.dim_z
+        number: list[tuple[int, ...]] = [(), (1,)] if m == 1 else []
+        wanted: dict[str, tuple[Any, list[tuple[int, ...]]]] = {
+            "x": (self.x, [(n,), (n, 1)]),
+            "P": (self.P, [(n, n)]),
+            "Q": (self.Q if Q is None else Q, [(n, n)]),
+            "F": (self.F if F is None else F, [(n, n)]),
+            "H": (H, [(m, n)]),
+            "R": (self.R if R is None else R, [(m, m), *number]),
+            "z": (np.zeros(m) if z is None else z, [(m,), (m, 1), *number]),
+        }
+        for name, (value, shapes) in wanted.items():
+            if np.shape(value) not in shapes:
+                raise InputError(f"{name} must have the shape {shapes[0]}; it has {np.shape(value)}")
 
-    def predict_update(
-        self, z: Any, HJacobian: Any, Hx: Any, args: Any = (), hx_args: Any = (), u: Any = 0
-    ) -> None:  # fmt: skip
-        """`predict(u)` and `update(z, HJacobian, Hx)`: the sensor is linearised at the predicted state."""
-        self.predict(u)
-        self.update(z, HJacobian, Hx, args=args, hx_args=hx_args)
+    def _ahead(self, F: Any, u: Any, B: Any) -> np.ndarray:
+        moved = np.asarray(F, float) @ np.ravel(self.x)
+        return moved if B is None or u is None else moved + np.ravel(np.dot(B, u))
+
+    def _moved(self, u: Any, B: Any, F: Any, Q: Any) -> tuple[np.ndarray, np.ndarray]:
+        F = np.asarray(self.F if F is None else F, float)
+        noise = self._noise_factor("Q", self.Q if Q is None else Q, self.dim_x)
+        S = steps.predict(steps.straight(self._fading * F @ self._factor()), noise)
+        return self._ahead(F, u, self.B if B is None else B), S
+
+    def _off(self, z: Any, H: Any) -> tuple[np.ndarray, np.ndarray]:
+        """What z (m,) is off the expected, and H."""
+        H = np.atleast_2d(np.asarray(self.H if H is None else H, float))
+        measured = np.ravel(np.asarray(z, float))
+        if len(measured) != len(H):
+            raise InputError(f"z has {len(measured)} components, H has {len(H)} rows")
+        return measured - H @ np.ravel(self.x), H

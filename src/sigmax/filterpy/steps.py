@@ -36,8 +36,8 @@ def straight(slope: np.ndarray) -> Line:
     return Line(slope, slope[:, :0], slope[:, :0])
 
 
-def factor(P: np.ndarray) -> np.ndarray:
-    """Lower S with S Sᵀ = P (n, n), zero columns where P is singular.
+def factor(P: np.ndarray, name: str = "P") -> np.ndarray:
+    """Lower S with S Sᵀ = P (n, n), zero columns where P is singular; `name` is for the error.
 
     Raises:
         numpy.linalg.LinAlgError: where P has a negative eigenvalue.
@@ -46,21 +46,22 @@ def factor(P: np.ndarray) -> np.ndarray:
     if not failed:
         return np.asarray(S)
     S, sound = _semidefinite(P)
-    _refuse(sound, "P is not positive semidefinite: it has a negative eigenvalue beyond rounding")
+    _refuse(sound, f"{name} is not positive semidefinite: it has a negative eigenvalue beyond rounding")
     return np.asarray(S)
 
 
 class Kept:
     """The factor of a covariance that mostly is the one of the call before; it may change in place."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str) -> None:
+        self._name = name
         self._of = b""
         self._factor: np.ndarray = np.empty(0)
 
     def factor(self, P: np.ndarray) -> np.ndarray:
         """Lower S with S Sᵀ = P."""
         if P.tobytes() != self._of:
-            self.keep(P, factor(P))
+            self.keep(P, factor(P, self._name))
         return self._factor
 
     def keep(self, P: np.ndarray, S: np.ndarray) -> None:
@@ -84,19 +85,19 @@ class Corrected(NamedTuple):
 
 
 def correct(S: np.ndarray, line: Line, Lr: np.ndarray, y: np.ndarray) -> Corrected:
-    """The effect of a measurement with innovation y (m,) and the factor of its noise (m, m).
+    """The effect of a measurement with innovation y (m,) and a factor of its noise (m, k), on S Sᵀ, S (n, l), l ≥ n.
 
     [[R̃, E], [0, S]] triangularised at once to [[S_y, 0], [K S_y, S⁺]], with R̃ = tria[L_r, N] less D.
     """
     why = "the covariance of the innovation is not positive definite; R may be zero or a weight too negative"
-    m, n = line.slope.shape
+    m, n = line.slope.shape[0], S.shape[0]
     if line.deficit.shape[1]:
         Lr = _less(_tria((Lr, line.residual), why), line.deficit, why)
         beside = [Lr]
     else:
         beside = [Lr, line.residual]
     wide = sum(part.shape[1] for part in beside)
-    whole = np.zeros((m + n, wide + n))
+    whole = np.zeros((m + n, wide + S.shape[1]))
     whole[:m] = np.concatenate([*beside, line.slope], axis=1)
     whole[m:, wide:] = S
     made = _tria((whole,), why)
