@@ -6,7 +6,7 @@ missing altogether is told in the library's own way, or by not calling its updat
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -49,7 +49,9 @@ def adapters() -> Iterator[Adapter]:
     """Those of the libraries that are installed."""
     for name, installed in libraries().items():
         if installed is not None:
-            yield from import_module(f"conforming.{_LIBRARIES[name]}").adapters(name, installed)
+            for made in import_module(f"conforming.{_LIBRARIES[name]}").adapters(name, installed):
+                # None of them says that a second correction at one moment is not allowed.
+                yield replace(made, offers=made.offers | {"second update"})
 
 
 @dataclass

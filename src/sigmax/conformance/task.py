@@ -95,12 +95,13 @@ class Adapter:
         name: as it stands in tables.
         start: task, mean (n,), covariance (n, n) -> a filter under way.
         degree: polynomials to this degree have exact means: 1 for an extended filter, 3 for most sigma points.
-        offers: what beyond the plain filter it has: "angles", "missing", "partly missing".
+        offers: what beyond the plain filter it has: "angles", "missing", "partly missing",
+            and "second update", a correction that follows another without a prediction between.
         version: of the library.
     """
 
     name: str
     start: Callable[[Task, np.ndarray, np.ndarray], Running]
     degree: int = 3
-    offers: frozenset[str] = field(default=frozenset({"angles", "missing", "partly missing"}))
+    offers: frozenset[str] = field(default=frozenset({"angles", "missing", "partly missing", "second update"}))
     version: str = ""
