@@ -57,9 +57,8 @@ def _table(measured: list[tuple[Adapter, list[Outcome]]], names: list[str]) -> s
     if others:
         # After the last of ours that stands alone.
         place = sum(name.startswith("sigmax ") for name, _ in alone)
-        alone.insert(
-            place, (f"sigmax, {len(others)} others: the worst", [_worst(each) for each in zip(*others, strict=True)])
-        )
+        worst = [_worst(each) for each in zip(*others, strict=True)]
+        alone.insert(place, (f"sigmax, {len(others)} others: the worst", worst))
     for name, outcomes in alone:
         said = {o.law.name: _said(o) for o in outcomes}
         lines.append(f"| {name} | {' | '.join(said[n] for n in names)} |")

@@ -1,12 +1,14 @@
 """Half-steps of a filter on rows of beliefs, one row a track: any number of tracks, from call to call another."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from sigmax.filters import Filter
 from sigmax.models.model import Model
+from sigmax.native.calls import extension, ready
 from sigmax.native.driver import EMPTY, Record, Sensor, Step, driver, over_cores, pointer, series
 from sigmax.running.backend import attempt
 from sigmax.running.covariances import covariances
@@ -19,6 +21,18 @@ from sigmax.running.step import Innovation
 Corrected = tuple[np.ndarray, Innovation, np.ndarray]
 # XLA compiles for each size of a batch: rows are padded to a power of two, at least this one.
 _SMALLEST_BATCH = 8
+
+
+class _Row(NamedTuple):
+    """What a half-step gives: the row, an innovation spelt out, the fault."""
+
+    state: np.ndarray
+    residual: np.ndarray
+    factor: np.ndarray
+    nis: np.ndarray
+    log_likelihood: np.ndarray
+    dof: np.ndarray
+    fault: np.ndarray
 
 
 class RowSteps:
@@ -38,8 +52,10 @@ class RowSteps:
         self.filter, self.dtype, self.backend = as_filter(filter), run_type(dtype), backend
         self.model = cast(model, self.dtype)
         self.packing = lowered(self.filter, self.model, 0, self.dtype).packing
+        self._lower = np.flatnonzero(np.tri(self.packing.n))
         self._leaves, self._structure = jax.tree.flatten(self.model)
         self._ready: dict[Any, tuple[Lowered, Step, np.ndarray]] = {}
+        self._calls: dict[Any, Callable[..., Any]] = {}
 
     def start(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
         """The rows of means (B, n) and covariances (B, n, n)."""
@@ -60,7 +76,7 @@ class RowSteps:
 
     def predict(self, rows: np.ndarray, dt: Any) -> tuple[np.ndarray, np.ndarray]:
         """The rows dt seconds later, dt one number or (B,), and the `Fault` (B,) of each."""
-        dt = np.ascontiguousarray(np.broadcast_to(dt, len(rows)), self.dtype)
+        dt = np.full((len(rows),), dt, self.dtype)
         if not len(rows):
             return rows, np.zeros(0, np.int8)
 
@@ -103,9 +119,9 @@ class RowSteps:
     def cov(self, rows: np.ndarray) -> np.ndarray:
         """The covariances (B, n, n)."""
         n = self.packing.n
-        S = np.zeros((len(rows), n, n), rows.dtype)
-        S[:, *np.tril_indices(n)] = rows[:, n : n + n * (n + 1) // 2]
-        return covariances(S)
+        S = np.zeros((len(rows), n * n), rows.dtype)
+        S[:, self._lower] = rows[:, n : n + n * (n + 1) // 2]
+        return covariances(S.reshape(-1, n, n))
 
     def _native(
         self, rows: np.ndarray, dt: np.ndarray | None, sensor: str | None, z: np.ndarray | None, u: Any
@@ -117,10 +133,39 @@ class RowSteps:
             Unavailable: without a compiler, or where it fails.
         """
         given = None if u is None else np.ascontiguousarray(u, self.dtype)
-        B, m = len(rows), 0 if z is None else z.shape[-1]
-        part = ("predict",) if z is None else ("correct", sensor, m)
-        low, step, constants = self._made(part, 0 if given is None else given.shape[-1])
-        state, fault = rows.astype(self.dtype), np.zeros(B, np.int8)
+        if len(rows) == 1 and extension() is not None:
+            state, *told, fault = self._alone(sensor, z, given)(rows, dt, z, given)
+            return state, Innovation(*told), fault
+        job, state, told, fault = self._job(rows.astype(self.dtype), dt, sensor, z, given)
+        single = self.dtype == np.float32
+        over_cores(driver(single)["record"], job, len(rows), single)
+        return state, told, fault
+
+    def _alone(self, sensor: str | None, z: np.ndarray | None, u: np.ndarray | None) -> Callable[..., Any]:
+        """The half-step of one row, bound to arrays of its own: only numbers change from call to call."""
+        key = sensor, None if z is None else z.shape, None if u is None else u.shape
+        if key not in self._calls:
+            rows, dt = np.empty((1, self.packing.size), self.dtype), np.zeros(1, self.dtype)
+            z, u = (None if a is None else np.empty(a.shape, self.dtype) for a in (z, u))
+            job, state, told, fault = self._job(rows, None if z is not None else dt, sensor, z, u)
+            # Nothing can be copied into what is not there; None leaves an array as it is.
+            inputs = state, dt, *(np.empty(0, self.dtype) if a is None else a for a in (z, u))
+            function = driver(self.dtype == np.float32)["record"]
+            kept = self._made(*self._which(sensor, z, u))
+            self._calls[key] = ready(function, job, 1, inputs, (state, *told, fault), _Row, kept=kept)
+        return self._calls[key]
+
+    def _which(self, sensor: str | None, z: np.ndarray | None, u: np.ndarray | None) -> tuple[tuple[Any, ...], int]:
+        """A half-step by name, and how many inputs it takes."""
+        return ("predict",) if z is None else ("correct", sensor, z.shape[-1]), 0 if u is None else u.shape[-1]
+
+    def _job(
+        self, state: np.ndarray, dt: np.ndarray | None, sensor: str | None, z: np.ndarray | None, given: Any
+    ) -> tuple[Record, np.ndarray, Innovation, np.ndarray]:
+        """A half-step on rows, in place, as the driver takes it, and where its results will be."""
+        B, m = len(state), 0 if z is None else z.shape[-1]
+        low, step, constants = self._made(*self._which(sensor, z, given))
+        fault = np.zeros(B, np.int8)
         told = Innovation(
             np.empty((B, m), self.dtype),
             np.empty((B, m, m), self.dtype),
@@ -139,12 +184,10 @@ class RowSteps:
         else:
             seen = series(z, 1, True, False)
             only = Sensor(step.address, pointer(constants), seen, pointer(told.residual), pointer(told.factor))
-            # The job points at the array of sensors: it lives as long as this frame.
+            # The job keeps the array of sensors it points at; the arrays of numbers are kept by who made them.
             job.sensors, job.sensor = 1, (Sensor * 1)(only)
             job.nis, job.log_likelihood, job.dof = (pointer(a) for a in told[2:])
-        single = self.dtype == np.float32
-        over_cores(driver(single)["record"], job, B, single)
-        return state, told, fault
+        return job, state, told, fault
 
     def _made(self, part: tuple[Any, ...], inputs: int) -> tuple[Lowered, Step, np.ndarray]:
         """A compiled half-step and its constants, looked up once."""

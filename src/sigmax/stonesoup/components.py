@@ -132,8 +132,8 @@ def _expected(updater: SigmaxUpdater, predicted: Any, model: Any, noisy: bool) -
     S = factor @ factor.T
     # The mean moves by K ν: one deviation in each component shows the columns of K.
     deviation = np.minimum(np.sqrt(np.diagonal(S)), [np.inf if a is None else 1.0 for a in seen.angles])
-    shifted, told, _ = steps.correct(np.repeat(rows, m, 0), "", expected + np.diag(deviation), seen.u)
-    gain = (steps.mean(shifted) - steps.mean(rows)).T / deviation
+    shifted = [steps.correct(rows, "", z[None], seen.u)[0] for z in expected + np.diag(deviation)]
+    gain = (steps.mean(np.concatenate(shifted)) - steps.mean(rows)).T / deviation
     cross = gain @ S
     mean = StateVector([v if a is None else a(v) for v, a in zip(expected.tolist(), seen.angles, strict=True)])
     covar = S if noisy else S - seen.R
