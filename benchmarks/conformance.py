@@ -6,12 +6,14 @@ python benchmarks/conformance.py --write docs/conformance.md
 """
 
 import argparse
+import json
 import os
 import platform
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 from conforming import adapters, libraries
 from conforming.own import SHOWN
@@ -33,21 +35,28 @@ def _outcomes(name: str, laws: list[str] | None) -> list[tuple[str, float | None
     return [(o.law.name, o.figure, o.note) for o in check(adapter, laws)]
 
 
-def _measured(only: str | None, laws: list[str] | None, jobs: int) -> list[tuple[Adapter, list[Outcome]]]:
+def _measured(
+    only: str | None, laws: list[str] | None, jobs: int, kept: Path | None
+) -> list[tuple[Adapter, list[Outcome]]]:
     chosen = [a for a in adapters() if only is None or a.name.casefold() == only.casefold()]
     if not chosen:
         sys.exit(f"no filter {only!r}; there are: {', '.join(a.name for a in adapters())}")
-    done = []
+    known = json.loads(kept.read_text()) if kept is not None and kept.exists() else {}
+    due = [a for a in chosen if a.name not in known]
     # A process for each filter: what one library does to JAX or NumPy is nothing to the next.
     with ProcessPoolExecutor(jobs, get_context("spawn"), max_tasks_per_child=1) as pool:
-        results = pool.map(_outcomes, [a.name for a in chosen], [laws] * len(chosen))
-        for k, (adapter, found) in enumerate(zip(chosen, results, strict=True), 1):
-            done.append((adapter, [Outcome(LAWS[name], *rest) for name, *rest in found]))
-            broken = [o.law.name for o in done[-1][1] if o.applies and not o.kept]
-            print(
-                f"{k:3}/{len(chosen)}  {adapter.name:32} {', '.join(broken) or 'all kept'}", file=sys.stderr, flush=True
-            )
-    return done
+        results = pool.map(_outcomes, [a.name for a in due], [laws] * len(due))
+        for k, (adapter, found) in enumerate(zip(due, results, strict=True), 1):
+            known[adapter.name] = found
+            broken = [o.law.name for o in _as_outcomes(found) if o.applies and not o.kept]
+            print(f"{k:3}/{len(due)}  {adapter.name:32} {', '.join(broken) or 'all kept'}", file=sys.stderr, flush=True)
+            if kept is not None:
+                kept.write_text(json.dumps(known))
+    return [(a, _as_outcomes(known[a.name])) for a in chosen]
+
+
+def _as_outcomes(found: list[Any]) -> list[Outcome]:
+    return [Outcome(LAWS[name], *rest) for name, *rest in found]
 
 
 def _table(measured: list[tuple[Adapter, list[Outcome]]], names: list[str]) -> str:
@@ -124,11 +133,12 @@ def main() -> None:
     parser.add_argument("law", nargs="*", help="laws; all of them unless given")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="put laws, table and failures into this page")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="how many filters at a time")
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="what is measured already stands in this file")
     given = parser.parse_args()
     unknown = set(given.law) - set(LAWS)
     if unknown:
         parser.error(f"no law {', '.join(unknown)}; there are: {', '.join(LAWS)}")
-    measured = _measured(given.filter, given.law or None, given.jobs)
+    measured = _measured(given.filter, given.law or None, given.jobs, given.keep)
     if given.write:
         head = given.write.read_text().split(_MARK)[0]
         given.write.write_text(head + _page(measured))

@@ -1,4 +1,7 @@
-"""Ours: every filter of the catalogue for a model without biases, and those of `sigmax.filterpy`."""
+"""Ours: of the catalogue each rule and each form at least once, and those of `sigmax.filterpy`.
+
+`tests/test_conformance.py` takes the whole catalogue, in the slow tests.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -6,29 +9,17 @@ from dataclasses import replace
 from conforming import ANGLES, MISSING, PARTLY
 from conforming.filterpy import of_module
 from sigmax.conformance import Adapter, own
-from sigmax.filters import names
 
-# To which degree the prediction's means are exact, by what is left of a name without its form.
-_DEGREES = {
-    "EKF": 1, "EUKF": 1, "ECKF": 1, "EHCKF": 1, "EIF": 1,
-    "SKF": 2, "PF": 2, "SOKF": 2, "PIF": 2, "SOIF": 2,
-    "UKF": 3, "CKF": 3, "UIF": 3, "CIF": 3,
-    "HCKF": 5, "GHKF": 5, "HCIF": 5,
-}  # fmt: skip
-SHOWN = ("SREKFB", "SRUKFB", "SRCKFB", "SRECKFB", "SRHCKFB")
+# With a row of their own, and in one row together; to which degree the prediction's means are exact.
+SHOWN = {"SREKFB": 1, "SRUKFB": 3, "SRCKFB": 3, "SRECKFB": 1, "SRHCKFB": 5}
+OTHERS = {"EKF": 1, "UKF": 3, "SRCKF": 3, "SRSKFB": 2, "SRGHKFB": 5, "SRPFB": 2, "HCIF": 5}
 
 
 def adapters(name: str, version: str) -> Iterator[Adapter]:
-    """Those of which the table has a row of their own come first."""
     offers = frozenset({ANGLES, MISSING, PARTLY})
-    rest = [each for each in names() if each not in SHOWN and _stem(each) in _DEGREES]
-    for each in SHOWN:
-        yield own(each, _DEGREES[_stem(each)])
+    for each, degree in SHOWN.items():
+        yield own(each, degree)
     for made in of_module("sigmax.filterpy", "sigmax.filterpy", version):
         yield replace(made, offers=offers)
-    for each in rest:
-        yield own(each, _DEGREES[_stem(each)])
-
-
-def _stem(name: str) -> str:
-    return name.removeprefix("SR").removesuffix("B")
+    for each, degree in OTHERS.items():
+        yield own(each, degree)
