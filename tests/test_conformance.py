@@ -1,5 +1,6 @@
 """The conformance kit: ours keeps every law, and a fault put in on purpose breaks the law that is about it."""
 
+import dataclasses
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from sigmax.conformance import LAWS, Adapter, check, own
+from sigmax.filters import names
 
 ROOT = Path(__file__).parent.parent
 
@@ -66,11 +68,21 @@ def test_a_fault_breaks_the_laws_that_are_about_it(faults, expected):
     assert set(broken(faulty(**faults), EXACT)) == expected
 
 
-def test_overconfidence_is_not_honest():
-    def start(task, mean, cov):
-        return Extended(task, mean, cov, jitter=-0.6 * task.R[0, 0])
+HONEST = [name for name in LAWS if name.startswith("honest")]
 
-    assert broken(Adapter("sure", start, degree=1), ["honest: beacons"]) == ["honest: beacons"]
+
+@pytest.mark.parametrize("what", ["Q", "R"])
+@pytest.mark.parametrize("factor", [0.5, 2.5])
+def test_a_covariance_that_is_half_or_double_is_not_honest(what, factor):
+    """The filter is told another noise than the draws have, and gives itself away on all four problems."""
+    told = {}
+
+    def start(task, mean, cov):
+        if task not in told:
+            told[task] = dataclasses.replace(task, **{what: factor * getattr(task, what)})
+        return Extended(told[task], mean, cov)
+
+    assert broken(Adapter("misled", start, degree=1), HONEST) == HONEST
 
 
 def test_an_exception_and_a_number_that_is_none_are_broken_laws():
@@ -108,8 +120,24 @@ def test_filterpys_adapter(module, monkeypatch):
     assert found == {"EKF": [], "UKF": [], "CKF": ["linear"] if theirs else []}
 
 
+# To which degree the prediction's means are exact, by what is left of a name without its form.
+DEGREES = {
+    "EKF": 1, "EUKF": 1, "ECKF": 1, "EHCKF": 1, "EIF": 1,
+    "SKF": 2, "PF": 2, "SOKF": 2, "PIF": 2, "SOIF": 2,
+    "UKF": 3, "CKF": 3, "UIF": 3, "CIF": 3,
+    "HCKF": 5, "GHKF": 5, "HCIF": 5,
+}  # fmt: skip
+# The others are for linear models, or for biases.
+CATALOGUE = [(n, d) for n in names() if (d := DEGREES.get(n.removeprefix("SR").removesuffix("B"))) is not None]
+
+
+def test_the_catalogue_is_all_there():
+    left = set(names()) - {name for name, _ in CATALOGUE}
+    assert all(name == "KF" or name.startswith(("TS", "MTS")) for name in left)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "degree"), [("SREKF", 1), ("SRUKFB", 3), ("SRECKFB", 1), ("SRHCKF", 5)])
+@pytest.mark.parametrize(("name", "degree"), CATALOGUE)
 def test_ours_keeps_all_laws(name, degree):
     assert broken(own(name, degree), LAWS) == []
 

@@ -59,17 +59,19 @@ def rotation(adapter: Adapter) -> float:
 
 
 def bearing(adapter: Adapter) -> float:
-    """A moving target whose bearing spreads over ±π, against the same turned to 0."""
+    """A moving target whose bearing spreads over ±π, against the same with bearings counted from the other side."""
 
-    def motion(x: Any, xp: Any) -> Any:
-        return xp.stack([x[0] + x[2], x[1] + x[3], x[2], x[3]])
+    def task(side: float) -> Task:
+        def motion(x: Any, xp: Any) -> Any:
+            return xp.stack([x[0] + x[2], x[1] + x[3], x[2], x[3]])
 
-    def sensor(x: Any, xp: Any) -> Any:
-        return xp.stack([xp.hypot(x[0], x[1]), xp.arctan2(x[1], x[0])])
+        def sensor(x: Any, xp: Any) -> Any:
+            return xp.stack([xp.hypot(x[0], x[1]), xp.arctan2(side * x[1], side * x[0])])
 
-    task = Task(motion, sensor, np.diag([0.1, 0.1, 0.01, 0.01]), np.diag([25.0, 1e-4]), angles=(False, True))
+        return Task(motion, sensor, np.diag([0.1, 0.1, 0.01, 0.01]), np.diag([25.0, 1e-4]), angles=(False, True))
+
     mean, cov = np.array([1000.0, -2.0, -5.0, 1.0]), np.diag([900.0, 900.0, 4.0, 4.0])
     record = np.array([[996.0, 0.004], [989.0, -0.007], [986.0, 0.011], [979.0, 0.002], [975.0, -0.003]])
     opposite = wrapped(record + np.array([0.0, np.pi]), (False, True))
-    plain, turned = _run(adapter, task, mean, cov, record), _run(adapter, task, -mean, cov, opposite)
-    return _gap(plain, turned, -np.eye(4), np.zeros(4), (False,) * 4)
+    plain, turned = _run(adapter, task(1.0), mean, cov, record), _run(adapter, task(-1.0), mean, cov, opposite)
+    return _gap(plain, turned, np.eye(4), np.zeros(4), (False,) * 4)
