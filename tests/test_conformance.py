@@ -71,8 +71,7 @@ def test_a_fault_breaks_the_laws_that_are_about_it(faults, expected):
 HONEST = [name for name in LAWS if name.startswith("honest")]
 
 
-@pytest.mark.parametrize("what", ["Q", "R"])
-@pytest.mark.parametrize("factor", [0.5, 2.5])
+@pytest.mark.parametrize(("what", "factor"), [("Q", 0.5), ("R", 2.5)])
 def test_a_covariance_that_is_half_or_double_is_not_honest(what, factor):
     """The filter is told another noise than the draws have, and gives itself away on all four problems."""
     told = {}
