@@ -127,9 +127,7 @@ class Study:
         if self.apart is None or self.apart.bias is None:
             return self.model, Gaussian(mean, self.prior.cov)
         n = self.apart.size
-        model = copy.copy(self.apart)
-        model.bias = copy.copy(self.apart.bias)
-        model.bias.prior = Gaussian(mean[:, n:], self.prior.cov[n:, n:])
+        model = self.apart.with_bias_prior(Gaussian(mean[:, n:], self.prior.cov[n:, n:]))
         return model, Gaussian(mean[:, :n], self.prior.cov[:n, :n])
 
     @property
