@@ -6,6 +6,7 @@ python benchmarks/stages.py 4,1,2,1    one size n,p,m,N: state, bias, measuremen
 Microseconds per track and step on one core, filters taking turns, the least of the rounds. Sensors are of
 different places and corrected together. "every point": the augmented filter that is not told what a function reads, so
 that it samples the bias as well: what the paper's augmented filter does. [b; x]: with the root that TSHCIF has too.
+"permuted": points drawn in the order in which a function is evaluated least, the state before the bias.
 """
 
 import os
@@ -97,6 +98,7 @@ def contenders() -> dict[str, Filter]:
         "HCIF": augmented,
         "HCIF [b; x]": first,
         "TSHCIF": sigmax.get("TSHCIF"),
+        "TSHCIF permuted": sigmax.get("TSHCIF", permute=True),
         "MTSHCIF": sigmax.get("MTSHCIF"),
         "MTSHCIF projected": sigmax.get("MTSHCIF", points="projected"),
         "MTSHCKF": sigmax.get("MTSHCKF"),

@@ -11,9 +11,8 @@ from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.models import Gaussian, Model
-from sigmax.models.bias import joint
 from sigmax.models.checks import finite, numbers
-from sigmax.models.whole import whole
+from sigmax.models.whole import with_bias
 
 # What a start may be estimated by; a function (x0, w) -> mean besides.
 ESTIMATES = ("prior", "drawn")
@@ -90,8 +89,8 @@ class Study:
 
     def __post_init__(self) -> None:
         if self.model.bias is not None and self.prior.size == self.model.size and self.prior.mean.ndim == 1:
-            prior = joint(self.prior, self.model.bias.starting(), False)
-            for what, value in (("apart", self.model), ("model", whole(self.model)), ("prior", prior)):
+            model, prior = with_bias(self.model, self.prior)
+            for what, value in (("apart", self.model), ("model", model), ("prior", prior)):
                 object.__setattr__(self, what, value)
         n = self.model.size
         if self.prior.size != n or self.prior.mean.ndim != 1 or self.prior.cov.ndim != 2:
