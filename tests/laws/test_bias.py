@@ -141,6 +141,14 @@ def test_the_marginal_filter_with_projected_points_is_the_augmented_filter(name)
     assert gap(got, answer(augmented(name, False))) < 1e-9
 
 
+def test_drawn_in_the_best_order_the_ways_to_treat_a_bias_are_one():
+    """The root is then that of the components that bend, wherever the bias stands; its points are the same in all."""
+    permuted = answer(sigmax.get("HCKF", permute=True))
+    assert gap(permuted, answer("HCKF")) > 1e-6
+    assert gap(answer(sigmax.get("MTSHCKF", points="projected", permute=True)), permuted) < 1e-9
+    assert gap(answer(sigmax.get("TSHCKF", permute=True)), permuted) < 1e-9
+
+
 @pytest.mark.parametrize("name", ["TSCIF", "TSHCIF"])
 def test_two_stages_as_printed_are_the_information_filter_as_printed(name):
     printed = answer(sigmax.get(name, information="paper"))
