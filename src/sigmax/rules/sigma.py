@@ -60,19 +60,22 @@ class SigmaPoints:
         n = read.size if columns is None else columns
         return planned(read, *unit_counts(self.family, self.parameters, n), self.permute)
 
-    def evaluations(self, g: Function, n: int, angular: Sequence[bool]) -> int:
-        """How often g is evaluated about a state of n components; derivatives in a direction count as one.
+    def evaluations(self, g: Function, n: int, angular: Sequence[bool], columns: int | None = None) -> int:
+        """How often g is evaluated about n components; derivatives in a direction count as one.
+
+        Over so many columns of their factor, n if nothing is said.
 
         Of a function of a model, the most often evaluated part of what is sampled; one that is straight altogether
         is evaluated at the mean and along each column of the factor.
         """
-        unit = self.points(n)
+        columns = n if columns is None else columns
+        unit = self.points(columns)
         if not isinstance(g, Lifted):
             return unit.evaluations
         read = reading(g.function, n, g.single)
-        plan = self.plan(read)
+        plan = self.plan(read, columns)
         if not plan.bent:
-            return 1 + n
+            return 1 + columns
         level = max(plan.level(part.reads) for part in plan.parts)
         at_mean = not unit.points[grouped(unit.points).first[level], :level].any(1).all()
         # Angles are differences about the value at the mean.
