@@ -13,6 +13,7 @@ import sigmax
 from sigmax import InputError
 from sigmax.export import export_c
 from sigmax.models.builtin import builtin
+from tests.laws import test_fusion as fusion
 from tests.own_records import write_radar
 from tests.test_cli import cli
 
@@ -58,6 +59,21 @@ def test_exported_filters_compile_strictly_and_agree(name, filter, tmp_path):
     done = exported(name, filter, tmp_path)
     assert {p.name for p in done.files} == {p.name for p in tmp_path.iterdir()}
     assert difference(tmp_path, "-O2") < 1e-10
+
+
+@needs_cc
+@pytest.mark.parametrize(("filter", "biased"), [("TSCIF", True), ("CKF", False)])
+def test_sensors_that_are_fused_are_one_function(filter, biased, tmp_path):
+    """Compressed, stacked, with a bias, with gaps: C puts the measurements together as the library does."""
+    names = ("west", "sonar", "east")
+    together = sigmax.fused(fusion.model(names, bias=biased))
+    done = export_c(filter, together, fusion.PRIOR, tmp_path, name="stations", dt=0.7)
+    assert set(done.operations) == {"predict", "update"}
+    text = (tmp_path / "stations.h").read_text()
+    assert "const double z[5]" in text
+    for words in ("west_left, west_right, sonar_range, east_left", "west compressed, east compressed, sonar stacked"):
+        assert words in text
+    assert difference(tmp_path, "-O2") < 1e-9
 
 
 @needs_cc

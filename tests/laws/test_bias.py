@@ -141,6 +141,14 @@ def test_the_marginal_filter_with_projected_points_is_the_augmented_filter(name)
     assert gap(got, answer(augmented(name, False))) < 1e-9
 
 
+def test_drawn_in_the_best_order_the_ways_to_treat_a_bias_are_one():
+    """The root is then that of the components that bend, wherever the bias stands; its points are the same in all."""
+    permuted = answer(sigmax.get("HCKF", permute=True))
+    assert gap(permuted, answer("HCKF")) > 1e-6
+    assert gap(answer(sigmax.get("MTSHCKF", points="projected", permute=True)), permuted) < 1e-9
+    assert gap(answer(sigmax.get("TSHCKF", permute=True)), permuted) < 1e-9
+
+
 @pytest.mark.parametrize("name", ["TSCIF", "TSHCIF"])
 def test_two_stages_as_printed_are_the_information_filter_as_printed(name):
     printed = answer(sigmax.get(name, information="paper"))
@@ -373,3 +381,20 @@ def run_with(prior, **given):
 def test_what_does_not_fit_is_refused(given, said):
     with pytest.raises(sigmax.InputError, match=said):
         run_with(sigmax.Gaussian(B0, PB0), **given)
+
+
+@pytest.mark.parametrize(("name", "fault"), [("HCKF", "PREDICTION_WIDENED"), ("MTSHCKF", "NONE")])
+def test_a_covariance_that_negative_weights_make_indefinite_is_told(name, fault):
+    """In 4 + 2 dimensions Var(x⁴) comes out negative; the points on the four of the state have no such weights."""
+    steep = sigmax.Model(
+        motion=lambda x, dt: x.at[0].add(x[0] ** 4),
+        sensor=lambda x: x[1:2],
+        Q=np.full(4, 0.01),
+        R=[0.1],
+        bias=sigmax.Bias(sensor=np.ones((1, 2)), prior=sigmax.Gaussian(np.zeros(2), np.eye(2))),
+    )
+    got = sigmax.run(name, steep, sigmax.Gaussian(np.zeros(4), np.eye(4)), np.full((1, 1), np.nan))
+    assert got.fault.tolist() == [int(sigmax.Fault[fault])]
+    assert got.ok.tolist() == [fault == "NONE"]
+    assert np.linalg.eigvalsh(got.cov[0]).min() > 0
+    assert got.cov[0, 0, 0] > 1

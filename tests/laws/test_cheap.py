@@ -256,3 +256,14 @@ def test_a_map_of_millions_is_read_and_looked_up_without_a_node_for_each_height(
     assert [n.operation for n in made.flat[0].inputs] == ["input", "table"]
     with pytest.raises(Refused, match="3,000,000"):
         evaluate(g, jax.make_jaxpr(lambda x: jnp.asarray(heights).sum() * x)(jnp.zeros(2)), [g.inputs("x", (2,))])
+
+
+def test_a_bias_is_not_sampled():
+    """Its components enter straight: the points of an augmented filter are those of the state that bends."""
+    made = sigmax.builtin("radar-offset")
+    (motion, sensor) = sigmax.explain("HCKF", made.model, made.prior, dt=made.dt, measure=False)
+    assert motion.parts == ()
+    assert set(sensor.held) >= set(made.model.bias.names)
+    assert max(part.given for part in sensor.parts) < sensor.points / 3
+    with pytest.raises(sigmax.InputError, match="draws a bias first"):
+        sigmax.explain("TSCKF", made.model, made.prior)

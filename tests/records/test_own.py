@@ -297,7 +297,7 @@ def test_every_sensor_can_be_described(kind: str, tmp_path: Path) -> None:
 
 def test_a_fixed_component_stays(radar: sigmax.records.Record) -> None:
     trial = parse_trial("EKF:fixed=vnorth,fixed=veast")
-    prior = radar.prior_for(trial)
+    prior = radar.told(trial)[1]
     assert (prior.cov[:, 2:] == 0).all()
     assert (prior.cov[:, :, 2:] == 0).all()
     np.testing.assert_array_equal(prior.cov[:, :2, :2], radar.prior.cov[:, :2, :2])

@@ -1,5 +1,6 @@
 """`sigmax export c`: a filter on a model as a folder of C99."""
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,10 +14,12 @@ from sigmax.export.source import Names, header, identifier, identifiers, source
 from sigmax.export.testing import makefile, test_program
 from sigmax.export.vectors import recorded
 from sigmax.filters import Filter
+from sigmax.models.fusion import Fused, name_of, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.native import Refused
-from sigmax.running.edge import as_filter, prepare, run_type
+from sigmax.running.edge import as_filter, cast, prepare, run_type
+from sigmax.running.fusing import how
 from sigmax.running.lowered import with_numbers
 
 # Largest difference of the test program: rounding of another order of operations, grown over the steps.
@@ -53,7 +56,8 @@ def export_c(
 
     Args:
         filter: a name of the catalogue, or a filter.
-        model: the model; its noises become constants of the source.
+        model: the model; its noises become constants of the source. Of a fused one (`sigmax.fused`) all sensors
+            are corrected by one function, in the order of the model, NAN where one is silent.
         prior: where the test program starts, (n,).
         folder: where to write; made if it is not there.
         name: what the files and functions are called.
@@ -68,20 +72,29 @@ def export_c(
     chosen, dtype, prefix = as_filter(filter), run_type(dtype), identifier(name)
     if prior.mean.ndim != 1:
         raise InputError("an exported filter starts from one prior, not from a batch")
-    if model.fusion is not None:
-        raise InputError("export the model with its sensors apart: an exported filter takes one sensor at a time")
+    if model.fusion is not None and any(b.given and callable(model.R[s]) for b in model.fusion for s in b.members):
+        raise InputError("a sensor whose R is a function cannot wait for messages in C; export sigmax.fused(model)")
     u = None if inputs is None else np.asarray(inputs, float)
     sizes = _sizes(model, u)
     nothing = {s: np.full((1, m), np.nan) for s, m in sizes.items()}
     z = nothing if model.several else nothing[""]
     ready = prepare(chosen, model, prior, z, dt, None if u is None else u[None], dtype)
-    low = with_numbers(ready.filter, ready.model, 0 if u is None else len(u), dtype)
+    # Alone the motion is the same whether sensors are fused or not, and takes no covariances of measurements.
+    apart = cast(model.placed(ready.filter.form.bias_first), dtype)
+    inputs_count = 0 if u is None else len(u)
+    low = with_numbers(ready.filter, apart, inputs_count, dtype)
     try:
         programs = {"start": low.program("start"), "predict": low.program("predict")}
-        programs |= {s: low.program("correct", s, m) for s, m in sizes.items()}
+        if model.fusion is None:
+            programs |= {s: low.program("correct", s, m) for s, m in sizes.items()}
+        else:
+            one = with_numbers(ready.filter, ready.model, inputs_count, dtype)
+            programs[""] = one.program("correct", name_of(model), sum(sizes.values()), _together(apart, sizes))
     except Refused as error:
         raise InputError(f"this model cannot be exported: {error}") from error
     parts = {s: identifiers(model.measurement[s] or [f"z{i}" for i in range(m)]) for s, m in sizes.items()}
+    if model.fusion is not None:
+        parts = {"": tuple(f"{identifier(s)}_{part}" for s, own in parts.items() for part in own)}
     carried = low.packing.size - low.n * (low.n + 3) // 2
     names = Names(prefix, identifiers(ready.model.joint_state), parts, carried, 0 if u is None else len(u))
     single = dtype == np.float32
@@ -108,6 +121,16 @@ def export_c(
     return Exported(tuple(out / file for file in texts), counted)
 
 
+def _together(model: Model, sizes: Mapping[str, int]) -> Callable[[Any, Any], Fused]:
+    """What all sensors measured, one after the other in the order of the model, as the one measurement it makes."""
+
+    def together(z: Any, u: Any) -> Fused:
+        cuts = np.cumsum(list(sizes.values()))[:-1]
+        return put_together(model, dict(zip(sizes, jnp.split(z, cuts), strict=True)), u)
+
+    return together
+
+
 def _sizes(model: Model, u: np.ndarray | None) -> dict[str, int]:
     """The number of components of each sensor."""
     x = jnp.zeros(model.size)
@@ -129,8 +152,13 @@ def _head(filter: Filter, model: Model, name: str, about: str, single: bool) -> 
         f"Q per second{_numbers(model.Q)}.",
         *([] if model.bias is None else [f"Q per second of the bias{_numbers(model.bias.Q)}."]),
         *(f"R{f' of {s}' if s else ''}{_numbers(R)}." for s, R in model.R.items()),
+        *([] if model.fusion is None else [f"Corrected together: {_said(how(filter, model))}."]),
     ]
     return "\n".join(lines)
+
+
+def _said(fused: Sequence[tuple[str, str]]) -> str:
+    return ", ".join(f"{s} {way}" for s, way in fused)
 
 
 def _numbers(noise: Any) -> str:

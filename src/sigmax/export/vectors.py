@@ -22,7 +22,7 @@ class Vectors(NamedTuple):
     Attributes:
         dt: (T,).
         u: (T, k), or None.
-        z: by sensor (T, m), NaN where missing.
+        z: by sensor (T, m), NaN where missing; of fused ones all in one.
         mean: (T, n).
         factor: (T, n, n).
         nis: (T,), NaN without measurement.
@@ -43,6 +43,7 @@ def recorded(
 ) -> Vectors:
     """A record simulated from the prior's mean with gaps, parts missing and one long step, filtered."""
     rng = np.random.default_rng(1)
+    together = model.fusion is not None
     elapsed = np.full(STEPS, float(dt))
     elapsed[20] *= 2
     u = None if inputs is None else np.repeat(np.asarray(inputs, float)[None], STEPS, 0)
@@ -55,14 +56,17 @@ def recorded(
         x = np.asarray(move(x, elapsed[k]))
         for number, (s, h) in enumerate(see.items()):
             z = np.array(h(x)) + _deviation(model.R[s], x, given) * rng.standard_normal(np.shape(h(x)))
-            if k % 9 == 5 or (k + number) % len(see):
+            silent = (k + number) % 3 == 2 if together else (k + number) % len(see)
+            if k % 9 == 5 or silent:
                 z[:] = np.nan
-            elif k % 7 == 3:
+            elif (k + number * together) % 7 == 3:
                 z[k % len(z)] = np.nan
             seen[s].append(z)
     z = {s: np.array(rows) for s, rows in seen.items()}
     result = run(filter, model, prior, z if model.several else z[""], dt=elapsed, inputs=u, dtype=dtype)
     mean, factor, fault = result.kept()
+    if together:
+        z = {"": np.concatenate(list(z.values()), axis=1)}
     return Vectors(elapsed, u, z, mean, factor, result.nis, fault)
 
 

@@ -125,12 +125,12 @@ def _two_stage_information(information: str = "exact") -> Form:
     return two_stage[_kind_of(information)]
 
 
-def _marginal3(points: str = "state") -> Rule:
-    return Marginal(_cubature3(), exact=_projected(points))
+def _marginal3(points: str = "state", permute: bool = False) -> Rule:
+    return Marginal(_cubature3(permute), exact=_projected(points))
 
 
-def _marginal5(points: str = "state") -> Rule:
-    return Marginal(_cubature5(), exact=_projected(points))
+def _marginal5(points: str = "state", permute: bool = False) -> Rule:
+    return Marginal(_cubature5(permute), exact=_projected(points))
 
 
 def _projected(points: str) -> bool:

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.arrays import Lifted, spread, total
+from sigmax.algebra.arrays import Lifted, spread, times
 from sigmax.algebra.factor import Diagonal, Matrix, block_diagonal, cholesky, safe_sqrt
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, takes
@@ -59,20 +59,18 @@ def in_domain(model: Model, batched: bool) -> Function | None:
 
 
 def _biased(
-    g: Function, model: Model, x: jax.Array, dt: tuple[jax.Array, int] | None, given: Any, u: jax.Array | None
-) -> Function:
-    """G of the state and what the bias adds to it."""
+    g: Lifted, model: Model, x: jax.Array, dt: tuple[jax.Array, int] | None, given: Any, u: jax.Array | None
+) -> Lifted:
+    """G of the state and what the bias adds to it, C b; C is held at the estimate, so that b enters straight."""
     own, at = model.own, model.offsets
     if given is None:
-        return lambda X: g(X[own])
+        return g.instead(lambda X, *rest: g.function(X[own], *rest))
     C = _evaluated(given, x[own], dt, u)[0] if callable(given) else jnp.asarray(given).astype(x.dtype)
 
-    def added(b: jax.Array) -> jax.Array:
-        """C b for b (p, …), C (r, p) or one for each member of the batch, (r, p, B)."""
-        between = (1,) * (b.ndim + 1 - C.ndim)
-        return total([C[:, j].reshape(C.shape[:1] + between + C.shape[2:]) * b[j] for j in range(C.shape[1])])
+    def biased(X: jax.Array, *rest: jax.Array) -> jax.Array:
+        return jnp.asarray(g.function(X[own], *rest[:-1])) + times(rest[-1], X[at])
 
-    return lambda X: g(X[own]) + added(X[at])
+    return Lifted(biased, [*g.arguments, (C, 2)], g.batched)
 
 
 NoiseRoots = tuple[Matrix | None, Matrix | None]

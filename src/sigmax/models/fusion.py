@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import TWO_PI
-from sigmax.algebra.factor import Diagonal
+from sigmax.algebra.arrays import TWO_PI, inner
+from sigmax.algebra.factor import Diagonal, cholesky, inverse_lower
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced
 from sigmax.models.model import Model
@@ -151,14 +151,17 @@ def compressed(values: Any, R: Any, angular: tuple[bool, ...], array: Any = np) 
     one = array.eye(m)
     seen = ~array.isnan(values)
     both = seen[..., :, None] & seen[..., None, :]
-    weight = array.where(both, array.linalg.inv(array.where(both, R, one)), 0.0)
+    inverse, volumes = _inverse(array.where(both, R, one), array)
+    weight = array.where(both, inverse, 0.0)
     total = weight.sum(-3)
     missing = ~seen.any(-2)
     total = total + one * missing[..., None]
-    Rc = array.linalg.inv(total)
+    Rc, gained = _inverse(total, array)
     Rc = (Rc + array.swapaxes(Rc, -1, -2)) / 2
-    first = array.take_along_axis(values, array.argmax(seen, -2)[..., None, :], -2)
-    off = array.where(seen, values - first, 0.0)
+    first = values[..., -1, :]
+    for k in reversed(range(values.shape[-2])):
+        first = array.where(seen[..., k, :], values[..., k, :], first)
+    off = array.where(seen, values - first[..., None, :], 0.0)
     turns = array.where(array.asarray(angular), array.round(off / TWO_PI) * TWO_PI, 0.0)
     off = off - turns
     pulled = (weight @ off[..., None])[..., 0]
@@ -166,8 +169,17 @@ def compressed(values: Any, R: Any, angular: tuple[bool, ...], array: Any = np) 
     rest = array.where(seen, off - middle[..., None, :], 0.0)
     disagreement = (rest * (weight @ rest[..., None])[..., 0]).sum((-1, -2))
     merged = seen.sum((-1, -2)) - (~missing).sum(-1)
-    volume = array.linalg.slogdet(array.where(both, R, one))[1].sum(-1) - array.linalg.slogdet(Rc)[1]
-    return first[..., 0, :] + middle, Rc, disagreement, merged, volume / 2
+    return first + middle, Rc, disagreement, merged, (volumes.sum(-1) + gained) / 2
+
+
+def _inverse(M: Any, array: Any) -> tuple[Any, Any]:
+    """M⁻¹ (..., m, m) and log |M| (...) of a covariance; where it is traced by operations that can be lowered."""
+    if array is np:
+        return np.linalg.inv(M), np.linalg.slogdet(M)[1]
+    L, _ = cholesky(jnp.moveaxis(M, (-2, -1), (0, 1)))
+    root = inverse_lower(L)
+    volume = 2 * sum(jnp.log(L[i, i]) for i in range(len(L)))
+    return jnp.moveaxis(inner(root, root), (0, 1), (-2, -1)), volume
 
 
 def dense_noise(R: Any) -> Any:

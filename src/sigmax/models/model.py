@@ -1,5 +1,6 @@
 """A model: motion, sensors, their noise, and which components are angles."""
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.models.bias import Bias
+from sigmax.models.gaussian import Gaussian
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, noise, takes
 from sigmax.models.parts import Motion, Sensor
 
@@ -156,6 +158,14 @@ class Model:
             return self
         made = object.__new__(Model)
         made.__dict__.update(self.__dict__, bias=self.bias.placed(first))
+        return made
+
+    def with_bias_prior(self, prior: Gaussian) -> "Model":
+        """The model with another prior of its bias, (p,) or (B, p); one without a bias is itself."""
+        if self.bias is None:
+            return self
+        made, bias = copy.copy(self), copy.copy(self.bias)
+        bias.prior, made.bias = prior, bias
         return made
 
     def measured_angular(self, sensor: str, size: int) -> tuple[bool, ...]:

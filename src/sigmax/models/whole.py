@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.factor import Diagonal
+from sigmax.models.bias import joint
+from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, takes
 
@@ -37,6 +39,11 @@ def whole(model: Model) -> Model:
         fusion=None,
     )
     return made
+
+
+def with_bias(model: Model, prior: Gaussian) -> tuple[Model, Gaussian]:
+    """The `whole` model, and the prior of state and bias together; both as they are where there is no bias."""
+    return (model, prior) if model.bias is None else (whole(model), joint(prior, model.bias.starting(), False))
 
 
 def _fixed(C: Any) -> Any:

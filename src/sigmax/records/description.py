@@ -71,6 +71,24 @@ class SensorPart(Section):
     inputs: dict[str, ColumnGiven] = Field(default_factory=dict)
 
 
+def _as_lists(given: Any) -> Any:
+    return {k: _as_list(v) for k, v in given.items()} if isinstance(given, dict) else given
+
+
+Components = Annotated[dict[str, list[str]], BeforeValidator(_as_lists)]
+
+
+class BiasPart(Section):
+    """One component of a random bias: its prior, what it gains in a second, and what it acts on."""
+
+    std: Any
+    mean: Any = 0
+    noise: Any = 0
+    offset: Components = Field(default_factory=dict)
+    scale: Components = Field(default_factory=dict)
+    drift: Annotated[list[str], BeforeValidator(_as_list)] = Field(default_factory=list)
+
+
 class Description(Section):
     """All of it; the README of the format is docs/bring-your-own-data.md."""
 
@@ -79,6 +97,7 @@ class Description(Section):
     motion: Annotated[list[MotionPart], BeforeValidator(_as_list), Field(min_length=1)]
     sensors: dict[str, SensorPart] = Field(min_length=1)
     prior: dict[str, Any]
+    bias: dict[str, BiasPart] = Field(default_factory=dict)
     title: str = ""
     track: str | None = None
     filters: list[str] = Field(default=["EKF", "SRCKFB"], min_length=1)

@@ -10,6 +10,7 @@ import jax
 from sigmax.errors import InputError, unknown
 from sigmax.models import Model, motions
 from sigmax.models.noise import takes
+from sigmax.records.bias import Biased, read_bias
 from sigmax.records.description import Column, Description
 from sigmax.records.motion import Moving, read_motion
 from sigmax.records.sensor import Sensing, read_sensor
@@ -34,6 +35,7 @@ class Built(NamedTuple):
     position: tuple[int, ...]
     sensings: dict[str, Sensing]
     inputs: tuple[Input, ...]
+    biased: Biased | None
 
 
 def build(description: Description, folder: Path) -> Built:
@@ -78,6 +80,9 @@ def build(description: Description, folder: Path) -> Built:
         hear[name] = _with_part_of(sensing.sensor.function, part_of_u, 1, f"sensors.{name}.kind")
         noises[name] = _with_part_of(sensing.R, part_of_u, 1, f"sensors.{name}.noise", must=False)
         inputs += own
+    biased = None
+    if description.bias:
+        biased = read_bias(description.bias, state, moving.dimensions, sensings, hear)
     try:
         model = Model(
             motion=_with_part_of(moving.motion.function, slice(driven), 2, "motion.kind"),
@@ -86,10 +91,11 @@ def build(description: Description, folder: Path) -> Built:
             R=noises,
             state=state,
             measurement={name: sensing.sensor.measurement for name, sensing in sensings.items()},
+            bias=None if biased is None else biased.bias,
         )
     except InputError as error:
         raise InputError(_renamed(str(error))) from error
-    return Built(model, moving.dimensions, tuple(state.index(n) for n in names), sensings, tuple(inputs))
+    return Built(model, moving.dimensions, tuple(state.index(n) for n in names), sensings, tuple(inputs), biased)
 
 
 def _renamed(message: str) -> str:

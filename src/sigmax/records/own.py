@@ -77,6 +77,7 @@ def _record(path: Path, description: Description) -> Record:
         truth=truth[index],
         position=built.position,
         dimensions=built.dimensions,
+        bias_dimensions=() if built.biased is None else built.biased.dimensions,
         trials=trials,
         epoch=epoch,
         landmarks=landmarks,

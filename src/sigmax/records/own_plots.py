@@ -64,6 +64,8 @@ def build_plots(path: Path, description: PlotDescription) -> Built:
         raise InputError(
             f"track = {description.track!r} says whose each plot is; drop it, or [tracking] and give a [prior]"
         )
+    if description.bias:
+        raise InputError("[bias] does not go with [tracking]: find it on recorded tracks and correct the columns")
     built = build(description, path.parent)
     check_columns(description, built)
     for name in part.sensors:

@@ -55,16 +55,28 @@ def read_prior(
         firsts.append(int(whole[0]))
     begin = np.array([r[first] for r, first in zip(rows, firsts, strict=True)])
     try:
-        place, spread = first_position(built.sensings[sensor], measured[sensor][begin])
+        place, spread = _located(built, sensor, measured[sensor][begin])
     except InputError as error:
         raise InputError(f"prior.{_FROM} = {sensor!r}: {error}") from error
     mean[:, at] = place
     cov[:, np.array(at)[:, None], np.array(at)] = spread
     measured[sensor][begin[:, None], np.arange(used)] = np.nan
     notes = [f"The first measurement of {sensor} gives each track its position and is not used again."]
+    if built.biased is not None and sensor in built.biased.effects:
+        notes.append(f"The bias of {sensor} widens that position.")
     if any(firsts):
         notes.append(f"{sum(firsts)} rows before it are left out.")
     return mean, cov, [r[first:] for r, first in zip(rows, firsts, strict=True)], tuple(notes)
+
+
+def _located(built: Built, sensor: str, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The positions of measurements, without the mean of the bias and as uncertain as it leaves them."""
+    sensing = built.sensings[sensor]
+    if built.biased is None or sensor not in built.biased.effects:
+        return first_position(sensing, z)
+    prior = built.biased.bias.starting()
+    F = built.biased.effects[sensor].on(z)
+    return first_position(sensing, z - F @ prior.mean, F @ prior.cov @ F.swapaxes(1, 2))
 
 
 def _component(given: dict[str, Any], name: str, built: Built, place: int) -> tuple[float, float]:

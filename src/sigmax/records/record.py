@@ -19,7 +19,7 @@ class Trial(NamedTuple):
     Attributes:
         name: as it was written; the key in all outputs.
         filter: the filter.
-        fixed: components of the state that are taken as known: their prior variance is 0.
+        fixed: components of state or bias that are taken as known: their prior variance is 0.
     """
 
     name: str
@@ -70,6 +70,7 @@ class Record:
         licence: the terms they are under.
         notes: what a reader of the results should know.
         backdrop: the map below the path, or None.
+        bias_dimensions: of the components of the model's bias.
     """
 
     name: str
@@ -92,28 +93,44 @@ class Record:
     licence: str = ""
     notes: tuple[str, ...] = ()
     backdrop: Backdrop | None = None
+    bias_dimensions: tuple[Dimension, ...] = ()
 
     @property
     def real(self) -> np.ndarray:
         """Which steps are not padding (B, T)."""
         return np.arange(self.time.shape[1]) < self.steps[:, None]
 
-    def prior_for(self, trial: Trial) -> Gaussian:
-        """The prior with the variances of fixed components at 0.
+    def told(self, trial: Trial) -> tuple[Model, Gaussian]:
+        """The model and the prior of a trial: the variances of fixed components of state and bias are 0.
 
         Raises:
             InputError: for a component that the model does not have.
         """
+        bias = self.model.bias
+        names = self.components
         for name in trial.fixed:
-            if name not in self.model.state:
-                raise InputError(f"{trial.name}: {unknown('component', name, self.model.state)}")
-        kept = np.array([name not in trial.fixed for name in self.model.state], float)
-        return Gaussian(self.prior.mean, np.asarray(self.prior.cov) * np.outer(kept, kept))
+            if name not in names:
+                raise InputError(f"{trial.name}: {unknown('component', name, names)}")
+        kept = np.array([name not in trial.fixed for name in names], float)
+        n = self.model.size
+        prior = Gaussian(self.prior.mean, np.asarray(self.prior.cov) * np.outer(kept[:n], kept[:n]))
+        if bias is None or kept[n:].all():
+            return self.model, prior
+        offsets = bias.starting()
+        known = Gaussian(offsets.mean, np.asarray(offsets.cov) * np.outer(kept[n:], kept[n:]))
+        return self.model.with_bias_prior(known), prior
+
+    @property
+    def components(self) -> dict[str, Dimension]:
+        """The components of the state, and behind them those of the bias, with their dimensions."""
+        names = (*self.model.state, *(() if self.model.bias is None else self.model.bias.names))
+        return dict(zip(names, (*self.dimensions, *self.bias_dimensions), strict=True))
 
     def label(self, trial: Trial) -> str:
         """The trial for tables: what is fixed, and at what value."""
-        mean = np.atleast_2d(self.prior.mean)[0]
-        fixed = [f"{name} fixed at {mean[self.model.state.index(name)]:g}" for name in trial.fixed]
+        bias = self.model.bias
+        mean = [*np.atleast_2d(self.prior.mean)[0], *([] if bias is None else np.atleast_2d(bias.starting().mean)[0])]
+        fixed = [f"{name} fixed at {mean[list(self.components).index(name)]:g}" for name in trial.fixed]
         return ", ".join([trial.filter.name, *fixed])
 
 

@@ -132,8 +132,10 @@ def _own(part: SensorPart, where: str, functions: Functions) -> tuple[Sensor, di
     return made, dict(zip(names, dimensions, strict=True)), None
 
 
-def first_position(sensing: Sensing, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def first_position(sensing: Sensing, z: np.ndarray, beyond: Any = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Positions (B, k) and their covariances (B, k, k) from measurements (B, m) of a sensor.
+
+    What else is not known of them beside their noise, (B, m, m), stands in `beyond`.
 
     Raises:
         InputError: where the sensor does not tell a position.
@@ -144,7 +146,7 @@ def first_position(sensing: Sensing, z: np.ndarray) -> tuple[np.ndarray, np.ndar
         raise InputError(
             "a position comes from a sensor of the kind position or range_azimuth with a noise given in numbers"
         )
-    R = np.diag(R) if np.ndim(R) == 1 else np.asarray(R)
+    R = (np.diag(R) if np.ndim(R) == 1 else np.asarray(R)) + beyond
     if sensing.kind == "position":
         return z, np.broadcast_to(R, (len(z), k, k))
     distance, azimuth = z[:, 0], z[:, 1]
@@ -156,4 +158,4 @@ def first_position(sensing: Sensing, z: np.ndarray) -> tuple[np.ndarray, np.ndar
     # The columns of the Jacobian of the position by range, azimuth and elevation.
     J = np.stack([along, across, up * distance[:, None]], axis=2)[:, :k, :k]
     place = np.asarray(sensing.origin) + distance[:, None] * along[:, :k]
-    return place, J @ R[:k, :k] @ J.swapaxes(1, 2)
+    return place, J @ R[..., :k, :k] @ J.swapaxes(1, 2)

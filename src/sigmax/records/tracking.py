@@ -44,15 +44,15 @@ def check(record: Record, trials: tuple[Trial, ...]) -> None:
         InputError: with the trial or the function of the model that does not fit.
     """
     for trial in trials:
-        prior = record.prior_for(trial)
+        model, prior = record.told(trial)
         try:
             # Checks of the engine look at the functions and the first step; the record itself is checked already.
             z = {s: v[:, :1] for s, v in record.z.items()} if isinstance(record.z, dict) else record.z[:, :1]
             inputs = None if record.inputs is None else record.inputs[:, :1]
-            prepare(trial.filter, record.model, prior, z, record.dt[:, :1], inputs, "float64")
+            prepare(trial.filter, model, prior, z, record.dt[:, :1], inputs, "float64")
             for rule in (trial.filter.predict, trial.filter.correct):
                 if isinstance(rule, SigmaPoints):
-                    rule.points(record.model.size)
+                    rule.points(model.size + model.biases)
         except InputError as error:
             raise InputError(f"{trial.name}: {error}") from error
         except Exception as error:
@@ -65,11 +65,11 @@ def check(record: Record, trials: tuple[Trial, ...]) -> None:
 
 def track(record: Record, trial: Trial) -> Outcome:
     """Run one filter over all tracks of a record; a failure is told in the outcome."""
-    prior = record.prior_for(trial)
+    model, prior = record.told(trial)
 
     def once() -> tuple[Result, float]:
         started = time.perf_counter()
-        result = run(trial.filter, record.model, prior, record.z, dt=record.dt, inputs=record.inputs, keep=_KEPT)
+        result = run(trial.filter, model, prior, record.z, dt=record.dt, inputs=record.inputs, keep=_KEPT)
         # Looking at the numbers waits for them.
         np.asarray(result.mean)
         return result, time.perf_counter() - started

@@ -18,6 +18,7 @@ from sigmax.errors import InputError
 from sigmax.records import Outcome, Record
 from sigmax.reports.page import page
 from sigmax.reports.score import Score
+from sigmax.reports.told import told
 from sigmax.reports.verdict import grade, verdict
 
 FILES = ("estimates.parquet", "summary.json", "report.html")
@@ -116,7 +117,7 @@ def versions() -> dict[str, str]:
 
 def summary(record: Record, scores: Sequence[Score]) -> dict[str, Any]:
     """The content of summary.json; numbers in SI and radians, null where there is none."""
-    units = {str(n): d.symbol for n, d in zip(record.model.state, record.dimensions, strict=True)}
+    units = {str(n): d.symbol for n, d in record.components.items()}
     return {
         "record": record.name,
         "title": record.title,
@@ -162,24 +163,22 @@ def _estimates(path: Path, record: Record, outcomes: Sequence[Outcome]) -> None:
     else:
         nanoseconds = record.epoch.value + np.round(seconds * 1e9).astype(np.int64)
         time = pa.array(nanoseconds, pa.timestamp("ns", tz="UTC"))
-    symbols = [d.symbol for d in record.dimensions]
     writer = None
     try:
         for outcome in outcomes:
             if outcome.result is None:
                 continue
             r = outcome.result
-            mean, deviation, truth = r.mean[real], r.std[real], record.truth[real]
             names = pa.DictionaryArray.from_arrays(pa.array(track, pa.int32()), pa.array(record.tracks))
             columns: dict[str, tuple[Any, str]] = {
                 "filter": (pa.array([outcome.trial.name] * len(track)).dictionary_encode(), ""),
                 "track": (names, ""),
                 "time": (time, "s" if record.epoch is None else ""),
             }
-            for i, (name, symbol) in enumerate(zip(record.model.state, symbols, strict=True)):
-                columns[str(name)] = (pa.array(mean[:, i]), symbol)
-                columns[f"{name}_std"] = (pa.array(deviation[:, i]), symbol)
-                columns[f"{name}_truth"] = (pa.array(truth[:, i], from_pandas=True), symbol)
+            for one in told(record, r):
+                columns[one.name] = (pa.array(one.mean[real]), one.dimension.symbol)
+                columns[f"{one.name}_std"] = (pa.array(one.deviation[real]), one.dimension.symbol)
+                columns[f"{one.name}_truth"] = (pa.array(one.truth[real], from_pandas=True), one.dimension.symbol)
             columns["nis"] = (pa.array(r.nis[real], from_pandas=True), "")
             columns["dof"] = (pa.array(r.dof[real].astype(np.int32)), "")
             columns["ok"] = (pa.array(r.ok[real]), "")

@@ -64,7 +64,7 @@ def _verdict(record: Record, scores: Sequence[Score]) -> str:
 
 
 def _estimate(record: Record, name: str, mean: float, deviation: float) -> str:
-    factor, unit = shown_in(record.dimensions[record.model.state.index(name)])
+    factor, unit = shown_in(record.components[name])
     digits = max(0, 1 - int(np.floor(np.log10(deviation * factor)))) if deviation > 0 else 4
     return f"{name} = {mean * factor:.{digits}f} ± {deviation * factor:.{digits}f}{f' {unit}' if unit else ''}"
 
@@ -119,7 +119,7 @@ def _path(record: Record, advised: Score) -> str:
 
 def _components(record: Record, ran: Sequence[Shown], advised: int, figures: dict[str, Figure]) -> str:
     tracks = min(len(record.tracks), _TRACKS)
-    points = limit(len(ran) * tracks * record.model.size)
+    points = limit(len(ran) * tracks * len(record.components))
     for index, _, outcome in ran:
         for track in range(tracks):
             figures[f"components/{index}/{track}"] = component_figure(record, outcome, track, index, points)
@@ -165,11 +165,17 @@ def _nis(window: int, tracks: int) -> str:
 def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> str:
     model = record.model
     mean, cov = np.atleast_2d(record.prior.mean)[0], np.asarray(record.prior.cov).reshape(-1, model.size, model.size)[0]
-    prior = ", ".join(
-        _estimate(record, str(n), m, s) for n, m, s in zip(model.state, mean, np.sqrt(np.diag(cov)), strict=True)
-    )
+
+    def started(names: Sequence[str], mean: np.ndarray, cov: np.ndarray) -> str:
+        parts = zip(names, mean, np.sqrt(np.diag(cov)), strict=True)
+        return ", ".join(_estimate(record, str(n), m, s) for n, m, s in parts)
+
     each = " of the first track" if len(record.tracks) > 1 else ""
-    rows = [(f"prior{each}", prior), ("noise of the motion, per second", _noise(model.Q))]
+    rows = [(f"prior{each}", started(model.state, mean, cov)), ("noise of the motion, per second", _noise(model.Q))]
+    if model.bias is not None:
+        offsets = model.bias.starting()
+        rows.append(("prior of the bias", started(model.bias.names, offsets.mean, offsets.cov)))
+        rows.append(("noise of the bias, per second", _noise(model.bias.Q)))
     rows += [(f"noise of {s or 'the sensor'}", _noise(R)) for s, R in model.R.items()]
     for outcome, s in zip(outcomes, scores, strict=True):
         f = outcome.trial.filter

@@ -9,6 +9,7 @@ from scipy.special import chdtri
 from sigmax.algebra.factor import Diagonal
 from sigmax.models.noise import takes
 from sigmax.records import Outcome, Record
+from sigmax.reports.told import told
 from sigmax.running import Fault, Result
 
 
@@ -28,7 +29,8 @@ class Score:
         log_likelihood: of all tracks together.
         faults: number of steps that were not sound.
         first_fault: the first of them in words.
-        constants: mean and standard deviation at the end of components without noise; of a single track only.
+        constants: mean and standard deviation at the end of components without noise and of the bias; of a single
+            track only.
         seconds: the run.
         compile_seconds: the compilation before it, None where it is part of `seconds`.
         failure: why there are no numbers at all.
@@ -102,12 +104,12 @@ def _faults(record: Record, result: Result) -> tuple[int, str]:
 
 
 def _constants(record: Record, result: Result) -> dict[str, tuple[float, float]]:
-    """What a single track found out about components that its motion leaves without noise."""
+    """What a single track found out about components that its motion leaves without noise, and about the bias."""
     if len(record.tracks) > 1:
         return {}
-    still = np.flatnonzero(_noise_per_second(record) == 0)
-    mean, deviation = result.mean[0, -1], result.std[0, -1]
-    return {str(record.model.state[i]): (float(mean[i]), float(deviation[i])) for i in still}
+    moving = set(np.flatnonzero(_noise_per_second(record) != 0).tolist())
+    known = enumerate(told(record, result))
+    return {one.name: (float(one.mean[0, -1]), float(one.deviation[0, -1])) for i, one in known if i not in moving}
 
 
 def _noise_per_second(record: Record) -> np.ndarray:

@@ -46,8 +46,8 @@ class Marginal:
             return replace(self, biases=biases)
         if not isinstance(self.rule, SigmaPoints):
             raise InputError(f"only a sigma set can be projected, not {self.rule}")
-        set_of = SigmaPoints(projected, of=self.rule.family, biases=biases, **dict(self.rule.parameters))
-        return Marginal(set_of, biases=biases)
+        given = dict(self.rule.parameters, of=self.rule.family, biases=biases)
+        return Marginal(SigmaPoints(projected, permute=self.rule.permute, **given), biases=biases)
 
     def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """Linearise g: (n + p, ..., B) -> (m, ..., B) in the columns of the state, and the bias as it is."""

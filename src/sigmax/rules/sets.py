@@ -107,18 +107,7 @@ def projected(n: int, of: Family, biases: int, **parameters: Any) -> SigmaSet:
     whole = of(n + biases, **parameters)
     if len(whole.singles):
         raise InputError(f"only a symmetric set can be projected; {of.__name__} gives one that is not")
-    merged: dict[tuple[float, ...], tuple[np.ndarray, float]] = {}
-    inside = 0.0
-    for point, weight in zip(whole.pairs[:, :n], whole.pair_weights, strict=True):
-        away = np.flatnonzero(np.abs(point) > 1e-12)
-        if not len(away):
-            inside += 2 * weight
-            continue
-        turned = point * np.sign(point[away[0]])
-        key = tuple(np.round(turned, 9) + 0.0)
-        merged[key] = turned, weight + merged.get(key, (None, 0.0))[1]
-    points, weights = (np.array(part) for part in zip(*merged.values(), strict=True))
-    return _symmetric(points, weights, (whole.centre or 0.0) + inside, whole.centre_covariance + inside)
+    return whole.projected(n)
 
 
 @lru_cache(maxsize=256)

@@ -55,23 +55,27 @@ class SigmaPoints:
         """The unit set in n dimensions."""
         return unit_set(self.family, self.parameters, n)
 
-    def plan(self, read: Reading) -> Plan:
-        """What is done with a function of which it is known what it reads."""
-        return planned(read, *unit_counts(self.family, self.parameters, read.size), self.permute)
+    def plan(self, read: Reading, columns: int | None = None) -> Plan:
+        """What is done with a function of which it is known what it reads, over so many columns of the factor."""
+        n = read.size if columns is None else columns
+        return planned(read, *unit_counts(self.family, self.parameters, n), self.permute)
 
-    def evaluations(self, g: Function, n: int, angular: Sequence[bool]) -> int:
-        """How often g is evaluated about a state of n components; derivatives in a direction count as one.
+    def evaluations(self, g: Function, n: int, angular: Sequence[bool], columns: int | None = None) -> int:
+        """How often g is evaluated about n components; derivatives in a direction count as one.
+
+        Over so many columns of their factor, n if nothing is said.
 
         Of a function of a model, the most often evaluated part of what is sampled; one that is straight altogether
         is evaluated at the mean and along each column of the factor.
         """
-        unit = self.points(n)
+        columns = n if columns is None else columns
+        unit = self.points(columns)
         if not isinstance(g, Lifted):
             return unit.evaluations
         read = reading(g.function, n, g.single)
-        plan = self.plan(read)
+        plan = self.plan(read, columns)
         if not plan.bent:
-            return 1 + n
+            return 1 + columns
         level = max(plan.level(part.reads) for part in plan.parts)
         at_mean = not unit.points[grouped(unit.points).first[level], :level].any(1).all()
         # Angles are differences about the value at the mean.
@@ -83,7 +87,7 @@ class SigmaPoints:
         if not isinstance(g, Lifted):
             return regressed(unit, lambda points, _: g(points), x, S, angular)
         read = reading(g.function, x.shape[0], g.single, x.dtype)
-        plan = self.plan(read)
+        plan = self.plan(read, S.shape[1])
         made: dict[int, Linearization] = {}
         straight = tuple(i for i in range(len(read.results)) if i not in plan.bent)
         if straight:
@@ -132,7 +136,7 @@ def _sampled(
     if plan.turned:
         slope = turned_back(line.slope, mirrors)
     else:
-        beyond = jnp.zeros((len(plan.bent), read.size - plan.size, *x.shape[1:]), x.dtype)
+        beyond = jnp.zeros((len(plan.bent), S.shape[1] - plan.size, *x.shape[1:]), x.dtype)
         slope = jnp.concatenate([line.slope, beyond], axis=1)
     held = 0
     for i in plan.bent:

@@ -11,6 +11,7 @@ from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
+from sigmax.models.whole import with_bias
 from sigmax.rules import SigmaPoints
 from sigmax.running.edge import as_filter
 from sigmax.running.linearizing import seconds_of
@@ -72,7 +73,7 @@ class Explained(NamedTuple):
 def explain(
     filter: Filter | str, model: Model, prior: Gaussian, *, dt: float = 1.0, inputs: Any = None, measure: bool = True
 ) -> list[Explained]:
-    """What the sigma rules of a filter find in a model's motion and sensors.
+    """What the sigma rules of a filter find in a model's motion and sensors, its bias standing behind the state.
 
     Args:
         filter: a filter; rules that are no sigma points are left out.
@@ -83,11 +84,12 @@ def explain(
         measure: compile the linearisations and take their time.
 
     Raises:
-        InputError: where no rule of the filter uses sigma points, or the model has a bias.
+        InputError: where no rule of the filter uses sigma points, or it draws a bias before the state.
     """
-    if model.bias is not None:
-        raise InputError("of a model with a bias every point is evaluated as a whole: explain the model without it")
     chosen = as_filter(filter)
+    if model.bias is not None and chosen.form.bias_first:
+        raise InputError(f"{chosen.name} draws a bias first, and every point of it moves the whole state; explain CKF")
+    model, prior = with_bias(model, prior)
     u = [] if inputs is None else [jnp.asarray(inputs, float)]
     tasks: list[tuple[str, SigmaPoints, Callable[..., Any], list[Any], Sequence[bool]]] = []
     if isinstance(chosen.predict, SigmaPoints):
@@ -100,7 +102,7 @@ def explain(
             angular = model.measured_angular(name, m)
             tasks.append((f"sensor {name}".strip(), chosen.correct, sensor, rest, angular))
     if not tasks:
-        raise InputError(f"{chosen} uses derivatives, not sigma points: explain one such as SRCKFB, UKF or SKF")
+        raise InputError(f"{chosen} has no sigma points on the whole state: explain one such as SRCKFB, UKF or SKF")
     return [_explained(*task, model, prior, measure) for task in tasks]
 
 

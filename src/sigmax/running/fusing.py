@@ -77,11 +77,9 @@ def with_members(parts: dict[str, Any], total: Any, fused: Fused) -> tuple[Any, 
 def with_members_live(told: Innovation, fused: Fused) -> Innovation:
     """The same for one step."""
     one = {"nis": told.nis, "dof": told.dof, "step_log_likelihood": told.log_likelihood}
-    _, parts = with_members({k: np.asarray(v)[..., None] for k, v in one.items()}, 0.0, _over_time(fused))
+    array: Any = jnp if is_traced((told, fused)) else np
+    sums = (array.asarray(a)[..., None] for a in (fused.disagreement, fused.components, fused.volume))
+    over_time = Fused(fused.z, fused.u, *sums)
+    _, parts = with_members({k: array.asarray(v)[..., None] for k, v in one.items()}, 0.0, over_time)
     nis, dof, likelihood = (parts[k][..., 0] for k in one)
     return told._replace(nis=nis, dof=dof, log_likelihood=likelihood)
-
-
-def _over_time(fused: Fused) -> Fused:
-    sums = (np.asarray(a)[..., None] for a in (fused.disagreement, fused.components, fused.volume))
-    return Fused(fused.z, fused.u, *sums)

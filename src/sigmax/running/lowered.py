@@ -10,11 +10,13 @@ import numpy as np
 from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
 from sigmax.models.evaluate import noise_roots
+from sigmax.models.fusion import Fused
 from sigmax.models.model import Model
 from sigmax.native import Graph, Program, evaluate
 from sigmax.native.driver import Step, driver, steps
 from sigmax.native.fingerprint import fingerprint
 from sigmax.native.graph import Array, array_of
+from sigmax.running.fusing import with_members_live
 from sigmax.running.packing import Packing
 from sigmax.running.smooth_step import back
 from sigmax.running.step import Belief, begin, correct, predict
@@ -158,14 +160,20 @@ class Lowered:
             function, inputs, g, lambda out: {"next": self.packing.nodes(out[:-1]), "told": [out[-1][()]]}
         )
 
-    def _correct(self, sensor: str, size: int) -> Program:
+    def _correct(self, sensor: str, size: int, together: Callable[[Any, Any], Fused] | None = None) -> Program:
+        """A measurement (m,), or what several sensors measured, put together before: (z, u) -> the one it makes."""
         g = Graph()
         count = len(self.packing.carried)
 
         def function(model: Model, mean: Any, factor: Any, *rest: Any) -> Any:
             belief = self._belief(mean, factor, rest[:count])
-            u = rest[count + 1] if self.inputs else None
-            new, told, fault = correct(self.filter, model, sensor, model.R[sensor], belief, rest[count], u)
+            z, u = rest[count], rest[count + 1] if self.inputs else None
+            fused = None if together is None else together(z, u)
+            if fused is not None:
+                z, u = fused.z, fused.u
+            new, told, fault = correct(self.filter, model, sensor, model.R[sensor], belief, z, u)
+            if fused is not None:
+                told = with_members_live(told, fused)
             return [*jax.tree.leaves(new), told.nis, told.log_likelihood, told.dof, fault, told.residual, told.factor]
 
         given = self._given(g, (size,), *(((self.inputs,),) if self.inputs else ()))

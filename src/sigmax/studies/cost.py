@@ -80,7 +80,7 @@ def costs(
 
 def _evaluations(filter: Filter, model: Model, inputs: np.ndarray | None) -> tuple[int | None, int | None]:
     """How often motion and sensors are evaluated in a step, None for a rule of the user's."""
-    n = model.size + model.biases
+    model, n = model.placed(filter.form.bias_first), model.size + model.biases
     x, dt, u = jnp.zeros(n), jnp.ones(()), None if inputs is None else jnp.asarray(inputs[0], float)
     sensors = []
     for name in model.sensors:
@@ -91,11 +91,12 @@ def _evaluations(filter: Filter, model: Model, inputs: np.ndarray | None) -> tup
     return motion, None if None in sensors else sum(k for k in sensors if k is not None)
 
 
-def _times(rule: Rule, g: Function, n: int, angular: Sequence[bool]) -> int | None:
+def _times(rule: Rule, g: Function, size: int, angular: Sequence[bool], biases: int = 0) -> int | None:
     if isinstance(rule, Marginal):
-        return _times(rule.rule, g, n - rule.biases, angular)
+        return _times(rule.rule, g, size, angular, rule.biases)
+    n = size - biases
     if isinstance(rule, SigmaPoints):
-        return rule.evaluations(g, n, angular)
+        return rule.evaluations(g, size, angular, n)
     if isinstance(rule, Taylor1):
         return 1 + n
     return 1 + n + n * (n + 1) // 2 if isinstance(rule, Taylor2) else None

@@ -11,9 +11,8 @@ from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.models import Gaussian, Model
-from sigmax.models.bias import joint
 from sigmax.models.checks import finite, numbers
-from sigmax.models.whole import whole
+from sigmax.models.whole import with_bias
 
 # What a start may be estimated by; a function (x0, w) -> mean besides.
 ESTIMATES = ("prior", "drawn")
@@ -90,8 +89,8 @@ class Study:
 
     def __post_init__(self) -> None:
         if self.model.bias is not None and self.prior.size == self.model.size and self.prior.mean.ndim == 1:
-            prior = joint(self.prior, self.model.bias.starting(), False)
-            for what, value in (("apart", self.model), ("model", whole(self.model)), ("prior", prior)):
+            model, prior = with_bias(self.model, self.prior)
+            for what, value in (("apart", self.model), ("model", model), ("prior", prior)):
                 object.__setattr__(self, what, value)
         n = self.model.size
         if self.prior.size != n or self.prior.mean.ndim != 1 or self.prior.cov.ndim != 2:
@@ -127,9 +126,7 @@ class Study:
         if self.apart is None or self.apart.bias is None:
             return self.model, Gaussian(mean, self.prior.cov)
         n = self.apart.size
-        model = copy.copy(self.apart)
-        model.bias = copy.copy(self.apart.bias)
-        model.bias.prior = Gaussian(mean[:, n:], self.prior.cov[n:, n:])
+        model = self.apart.with_bias_prior(Gaussian(mean[:, n:], self.prior.cov[n:, n:]))
         return model, Gaussian(mean[:, :n], self.prior.cov[:n, :n])
 
     @property

@@ -5,27 +5,28 @@ import numpy as np
 from sigmax.records import Outcome, Record
 from sigmax.reports.figures.draw import INK, Figure, colour, pale, plain, result_of, safe, shown_in, time_title, times
 from sigmax.reports.thin import thin
+from sigmax.reports.told import told
 
 
 def component_figure(record: Record, outcome: Outcome, track: int, index: int, points: int) -> Figure:
     """Each component over time for one filter and track: its error where there is truth, else itself, with ±2σ."""
     result, T = result_of(outcome), int(record.steps[track])
-    mean, deviation = result.mean[track, :T], result.std[track, :T]
-    error = result.errors(record.truth)[track, :T]
-    n = record.model.size
+    rows = list(told(record, result))
+    n = len(rows)
     gap = 0.045
     height = (1 - gap * (n - 1)) / n
     data: list[Figure] = []
     layout: Figure = {"height": 60 + 150 * n, "showlegend": False}
-    for i, (name, dimension) in enumerate(zip(record.model.state, record.dimensions, strict=True)):
-        factor, unit = shown_in(dimension)
-        known = not np.isnan(error[:, i]).all()
+    for i, one in enumerate(rows):
+        factor, unit = shown_in(one.dimension)
+        mean, deviation, error = (a[track, :T] for a in (one.mean, one.deviation, one.error))
+        known = not np.isnan(error).all()
         # An angle on its own runs on over ±π.
-        alone = np.unwrap(mean[:, i]) if record.model.angular[i] else mean[:, i]
-        value, middle = (error[:, i], np.zeros(T)) if known else (alone, alone)
+        alone = np.unwrap(mean) if one.angular else mean
+        value, middle = (error, np.zeros(T)) if known else (alone, alone)
         at = thin(value, points)
         x = times(record, track, at)
-        low, high = (factor * (middle + s * deviation[:, i])[at] for s in (-2, 2))
+        low, high = (factor * (middle + s * deviation)[at] for s in (-2, 2))
         axis = "" if i == 0 else str(i + 1)
         axes = {"xaxis": "x", "yaxis": f"y{axis}"}
         band = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "x": x, **axes}
@@ -39,12 +40,12 @@ def component_figure(record: Record, outcome: Outcome, track: int, index: int, p
                 "x": x,
                 "y": plain(factor * value[at]),
                 "line": line,
-                "name": str(name),
+                "name": one.name,
                 **axes,
             }
         )
         top = 1 - i * (height + gap)
-        title = f"{'error of ' if known else ''}{safe(str(name))}{f' [{unit}]' if unit else ''}"
+        title = f"{'error of ' if known else ''}{safe(one.name)}{f' [{unit}]' if unit else ''}"
         layout[f"yaxis{axis}"] = {"domain": [max(top - height, 0), top], "range": _range(low, high, factor * value)}
         layout.setdefault("annotations", []).append(
             {
