@@ -89,6 +89,17 @@ class Rows(ctypes.Structure):
     ]
 
 
+class Totals(ctypes.Structure):
+    """A function to be added up over tracks, see record.c."""
+
+    _fields_ = [
+        *((k, ctypes.c_void_p) for k in ("map", "c")),
+        *((k, ctypes.c_long) for k in ("steps", "parts", "size")),
+        ("part", ctypes.POINTER(Series)),
+        ("sums", ctypes.c_void_p),
+    ]
+
+
 class Squares(ctypes.Structure):
     """Factors to be squared, see record.c."""
 
@@ -154,7 +165,7 @@ def driver(single: bool, alone: bool = False) -> Mapping[str, Any]:
     """The functions of record.c by name; `alone` where the steps that they call are."""
     library = load(_DRIVER.read_text(), single, straight=False, alone=alone)
     made = {}
-    for name in ("record", "backwards", "rows", "squares"):
+    for name in ("record", "backwards", "rows", "totals", "squares"):
         function = getattr(library, name)
         function.restype = None
         function.argtypes = [ctypes.c_void_p, ctypes.c_long, ctypes.c_long]

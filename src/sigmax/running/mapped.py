@@ -1,5 +1,6 @@
 """A small function applied to many rows of numbers, on the engines that run the filters."""
 
+import ctypes
 from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import Any
@@ -9,8 +10,9 @@ import numpy as np
 
 from sigmax.algebra.compiling import compiled
 from sigmax.native import Graph, Program, evaluate
-from sigmax.native.driver import Rows, Step, driver, over_cores, pointer, series, steps
+from sigmax.native.driver import Rows, Series, Step, Totals, driver, over_cores, pointer, series, steps
 from sigmax.native.fingerprint import fingerprint
+from sigmax.native.machine import lane_bytes
 from sigmax.running.backend import attempt
 
 Shapes = tuple[tuple[int, ...], ...]
@@ -43,6 +45,39 @@ def mapped(function: Callable[..., Any], *arrays: np.ndarray, backend: str | Non
         return tuple(part.reshape(count, *shape) for part, shape in zip(parts, made_shapes, strict=True))
 
     return attempt(backend, False, native, lambda: tuple(map(np.asarray, _vectorised(function)(*rows))))
+
+
+def totals(function: Callable[..., Any], *arrays: np.ndarray, backend: str | None = None) -> tuple[np.ndarray, ...]:
+    """Sums over the first axis of arrays (B, T, …) of what `function` gives: always a tuple of arrays (T, …).
+
+    Natively in a fixed order, on one core, without Python's lock and without an array of B × T results.
+
+    Args:
+        function: as in `mapped`.
+        arrays: the arguments for each run and step, float64.
+        backend: as in `run`.
+    """
+    given = [np.ascontiguousarray(a, np.float64) for a in arrays]
+    B, T = given[0].shape[:2]
+
+    def native() -> tuple[np.ndarray, ...]:
+        step, made_shapes = _lowered(function, tuple(a.shape[2:] for a in given))
+        sizes = [int(np.prod(shape)) for shape in made_shapes]
+        sums = np.zeros((T, sum(sizes), lane_bytes() // 8))
+        parts = (Series * len(given))(*(series(a, a.ndim - 2, True, True) for a in given))
+        constants = step.setup(np.zeros(1))
+        job = Totals(step.address, pointer(constants), T, len(given), sum(sizes), parts, pointer(sums))
+        driver(False)["totals"](ctypes.addressof(job), 0, B)
+        split = np.split(sums.sum(-1), np.cumsum(sizes)[:-1], axis=1)
+        return tuple(part.reshape(T, *shape) for part, shape in zip(split, made_shapes, strict=True))
+
+    return attempt(backend, False, native, lambda: tuple(map(np.asarray, _added(function)(*given))))
+
+
+@lru_cache(maxsize=64)
+def _added(function: Callable[..., Any]) -> Callable[..., Any]:
+    each = jax.vmap(jax.vmap(partial(_listed, function)))
+    return compiled(lambda *given: tuple(part.sum(0) for part in each(*given)))
 
 
 @lru_cache(maxsize=64)

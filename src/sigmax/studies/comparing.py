@@ -13,9 +13,9 @@ from sigmax.studies.comparison import Comparison, Optimum
 from sigmax.studies.cost import Cost, costs
 from sigmax.studies.measures import measures
 from sigmax.studies.progress import FILE, NOTHING, Totals, add, restore, store
-from sigmax.studies.simulate import Drawn, draw
 from sigmax.studies.study import Study
-from sigmax.studies.work import CHECK, OPTIMUM, Done, Work, block, estimate
+from sigmax.studies.sums import Sums
+from sigmax.studies.work import CHECK, OPTIMUM, Block, Done, Work, block, estimate
 
 _STORED_EVERY = 5.0  # seconds
 # Seconds: whether so much was spent on compiling is worth a second look.
@@ -80,13 +80,18 @@ def compare(
     def todo(number: int) -> tuple[int, int, int]:
         return number, sizes_[number], N if number < with_optimum else 0
 
-    failures, prepared = _tried(work, report)
+    first = Block(work, 0, sizes_[0])
+    sums, failures, prepared = _tried(first, report)
     work = work.without(list(failures))
     if not work.filters:
         totals = NOTHING
         sizes_ = []
+    if sizes_ and not totals.blocks:
+        report("runs", 0, count)
+        totals = add(totals, first.done(sums, todo(0)[2]))
+    del first, sums
     stored = time.perf_counter()
-    kept = totals
+    kept = totals if totals.blocks <= whole else NOTHING
     jobs = joblib.effective_n_jobs(workers or -1) if workers != 1 else 1
     at = totals.blocks
     while at < len(sizes_):
@@ -97,9 +102,11 @@ def compare(
             if made == size:
                 kept = totals
             at = number + 1
-        if path is not None and (time.perf_counter() - stored > _STORED_EVERY or at == len(sizes_)):
+        if path is not None and time.perf_counter() - stored > _STORED_EVERY:
             store(path, kept, settings or {})
             stored = time.perf_counter()
+    if path is not None:
+        store(path, kept, settings or {})
     report("runs", count, count)
     ran = {name: measures(s) for name, s in totals.all.items()}
     return Comparison(
@@ -134,27 +141,26 @@ def _blocks(work: Work, group: Sequence[tuple[int, int, int]]) -> list[Done]:
     return [block(work, *one) for one in group]
 
 
-def _tried(work: Work, report: Report) -> tuple[dict[str, str], dict[str, float]]:
-    """Why each filter that cannot be run cannot, and how long each took to compile."""
-    drawn = draw(work.study, work.seed, 0, work.backend)
-    failures, prepared = {}, {}
+def _tried(first: Block, report: Report) -> tuple[dict[str, Sums], dict[str, str], dict[str, float]]:
+    """The sums of the first block, why each filter that cannot be run cannot, and how long each took to compile."""
+    work, sums, failures, prepared = first.work, {}, {}, {}
     for k, name in enumerate(work.filters):
         report("compiling", k, len(work.filters))
         try:
-            taken = [_seconds(work, name, drawn)]
-            if taken[0] > _WORTH_TELLING:
-                taken.append(_seconds(work, name, drawn))
-            prepared[name] = max(taken[0] - taken[-1], 0.0)
+            begun = time.perf_counter()
+            found = estimate(work, name, first.drawn)
+            taken = time.perf_counter() - begun
+            if taken > _WORTH_TELLING:
+                begun = time.perf_counter()
+                found = estimate(work, name, first.drawn)
+                taken -= time.perf_counter() - begun
+                prepared[name] = max(taken, 0.0)
+            if len(first.kept):
+                sums[name] = first.added(found)
         except Exception as error:  # whatever a filter or a user's function raises, the others go on
             failures[name] = str(error) or type(error).__name__
     report("compiling", len(work.filters), len(work.filters))
-    return failures, prepared
-
-
-def _seconds(work: Work, name: str, drawn: Drawn) -> float:
-    begun = time.perf_counter()
-    estimate(work, name, drawn)
-    return time.perf_counter() - begun
+    return sums, failures, prepared
 
 
 def _costs(work: Work, report: Report) -> dict[str, Cost]:

@@ -1,20 +1,20 @@
 """What a block of runs leaves behind: sums, so that memory does not grow with the number of runs."""
 
-from collections.abc import Mapping
-from functools import reduce
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import wrapped
+from sigmax.algebra.arrays import outer, total, wrap, wrapped
+from sigmax.running.mapped import totals
 from sigmax.running.step import Fault
 
 # Why a run is lost; the first that applies counts.
 LOST = ("failed", "mirrored", "diverged")
 # Errors are counted in bins of asinh(e / δ), δ being this part of the limit: straight near 0, by a few per cent beyond.
 _FINE, _STEP, _BINS = 1e-5, 0.04, 800
-# Numbers of factors that are summed at a time.
-_AT_ONCE = 131_072
 
 
 class Yardsticks(NamedTuple):
@@ -106,17 +106,50 @@ def _binned(e: np.ndarray, scale: np.ndarray) -> np.ndarray:
     return np.clip(place, 0, _BINS - 1).astype(int)
 
 
-def _whitened(e: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """S⁻¹ e (n, ...) by components; one that is known exactly gives 0."""
-    rows = np.zeros_like(e)
-    for i, error in enumerate(e):
-        rest = error - np.einsum("k...,k...->...", S[i, :i], rows[:i])
-        np.divide(rest, S[i, i], out=rows[i], where=S[i, i] > 0)
-    return rows
+@lru_cache(maxsize=16)
+def _terms(angular: tuple[bool, ...]) -> Callable[..., Any]:
+    """What is added up of one run and step, in the order of `Sums`, matrices by their lower triangles."""
+    n = len(angular)
+    i, j = np.tril_indices(n)
+
+    def terms(mean: Any, factor: Any, truth: Any, nis: Any, dof: Any) -> tuple[Any, ...]:
+        e, S = wrap(mean - truth, angular), jnp.tril(factor)
+        P = outer(S, S)
+        every = np.arange(n)
+        squares, variances, known = e * e, P[every, every], S[every, every] > 0
+        whitened: list[Any] = []
+        for k in range(n):
+            rest = e[k] - sum(S[k, c] * w for c, w in enumerate(whitened))
+            # One that is known exactly counts for nothing.
+            whitened.append(jnp.where(known[k], rest / jnp.where(known[k], S[k, k], 1.0), 0.0))
+        nees = total([w * w for w in whitened])
+        seen = ~jnp.isnan(nis)
+        nis = jnp.where(seen, nis, 0.0)
+        products = (e, e[i] * e[j], squares * squares, P[i, j], variances * variances, squares * variances)
+        counted = [
+            jnp.where(known, 1.0, 0.0).sum(),
+            nis,
+            nis * nis,
+            jnp.where(seen, dof, 0.0),
+            jnp.where(seen, 1.0, 0.0),
+        ]
+        return (*products, nees, nees * nees, *counted)
+
+    return terms
+
+
+def _whole(triangle: np.ndarray, n: int) -> np.ndarray:
+    """Symmetric matrices (T, n, n) of lower triangles (T, n (n + 1) / 2)."""
+    full = np.empty((len(triangle), n, n))
+    i, j = np.tril_indices(n)
+    full[:, i, j] = full[:, j, i] = triangle
+    return full
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a filter may be off by 1e80; infinity says so
-def summed(found: Estimated, truth: np.ndarray, mirrored: np.ndarray | None, by: Yardsticks) -> Sums:
+def summed(
+    found: Estimated, truth: np.ndarray, mirrored: np.ndarray | None, by: Yardsticks, backend: str | None = None
+) -> Sums:
     """The sums of one filter over a block.
 
     Args:
@@ -124,59 +157,23 @@ def summed(found: Estimated, truth: np.ndarray, mirrored: np.ndarray | None, by:
         truth: (B, T, n).
         mirrored: the state (B, n) that is the same motion as the truth at the end, or None.
         by: what errors are held against.
+        backend: as in `run`.
     """
-    B, T, n = truth.shape
-    error = wrapped(found.mean - truth, by.angular)
-    # As many runs at a time as the processor's cache holds: several times faster.
-    few = max(1, _AT_ONCE // (T * n * n))
-    parts = [slice(first, first + few) for first in range(0, B, few)]
-    near = error[:, by.look]
+    B, n = len(truth), truth.shape[-1]
+    angular = tuple(map(bool, by.angular))
+    given = (found.mean, found.factor, truth, found.nis, np.asarray(found.dof, float))
+    e, ee, e4, P, p2, e2p, *rest = totals(_terms(angular), *given, backend=backend)
+    *by_time, dof, plots = rest
+    near = wrapped(found.mean[:, by.look] - truth[:, by.look], angular)
     medians = np.median(np.abs(near), axis=0)
     bins = np.zeros((*near.shape[1:], _BINS), np.int64)
     place = _binned(near, by.scale)
     level, component = np.indices(near.shape[1:])
     np.add.at(bins, (np.broadcast_to(level, place.shape), np.broadcast_to(component, place.shape), place), 1)
-    added = [reduce(np.add, terms) for terms in zip(*(_by_time(error[k], found, k) for k in parts), strict=True)]
     faults = np.array([np.count_nonzero(found.fault == f) for f in Fault])
-    lost = _lost(found, error[:, -1], mirrored, by)
-    return Sums._make([*added, B * medians, B * medians**2, np.array(1), lost, faults, bins])
-
-
-def _by_time(error: np.ndarray, found: Estimated, runs: slice) -> tuple[np.ndarray, ...]:
-    """The sums by time of some runs, in the order of `Sums`."""
-    B, T, n = error.shape
-    # One contiguous plane (B, T) for each component: several times faster than small matrices.
-    e = np.moveaxis(error, -1, 0).copy()
-    S = np.moveaxis(found.factor[runs].reshape(B, T, n * n), -1, 0).copy().reshape(n, n, B, T)
-    squares, whitened, known = e * e, _whitened(e, S), np.stack([S[i, i] > 0 for i in range(n)])
-    nees = reduce(np.add, whitened * whitened)
-    ee, P, variances = np.empty((T, n, n)), np.empty((T, n, n)), np.empty_like(e)
-    for i in range(n):
-        for j in range(i):
-            ee[:, i, j] = ee[:, j, i] = np.einsum("bt,bt->t", e[i], e[j])
-            P[:, i, j] = P[:, j, i] = np.einsum("kbt,kbt->t", S[i, : j + 1], S[j, : j + 1])
-        ee[:, i, i] = squares[i].sum(0)
-        variances[i] = np.einsum("kbt,kbt->bt", S[i, : i + 1], S[i, : i + 1])
-        P[:, i, i] = variances[i].sum(0)
-    nis = found.nis[runs]
-    seen = ~np.isnan(nis)
-    nis = np.where(seen, nis, 0.0)
-    return (
-        np.array(B),
-        e.sum(1).T,
-        ee,
-        np.einsum("ibt,ibt->ti", squares, squares),
-        P,
-        np.einsum("ibt,ibt->ti", variances, variances),
-        np.einsum("ibt,ibt->ti", squares, variances),
-        nees.sum(0),
-        np.einsum("bt,bt->t", nees, nees),
-        known.sum((0, 1)).astype(float),
-        nis.sum(0),
-        np.einsum("bt,bt->t", nis, nis),
-        np.where(seen, found.dof[runs], 0).sum(0),
-        seen.sum(0),
-    )
+    lost = _lost(found, wrapped(found.mean[:, -1] - truth[:, -1], angular), mirrored, by)
+    sums = (np.array(B), e, _whole(ee, n), e4, _whole(P, n), p2, e2p, *by_time, dof.astype(int), plots.astype(int))
+    return Sums._make([*sums, B * medians, B * medians**2, np.array(1), lost, faults, bins])
 
 
 def _lost(found: Estimated, last: np.ndarray, mirrored: np.ndarray | None, by: Yardsticks) -> np.ndarray:

@@ -90,23 +90,44 @@ def _optimum(work: Work, drawn: Drawn, count: int, seed: tuple[int, ...]) -> Est
     return particles(study, drawn, count, seed, study.optimum, work.backend)
 
 
+class Block:
+    """The runs of one block, and what is added up of estimates of them.
+
+    Args:
+        work: the work.
+        number: which block.
+        size: how many of its runs count, the first ones.
+    """
+
+    def __init__(self, work: Work, number: int, size: int) -> None:
+        self.work, self.number, self.size = work, number, size
+        self.drawn = draw(work.study, work.seed, number, work.backend)
+        self.kept = np.flatnonzero(self.drawn.kept[:size])
+        self.truth, self.last = self.drawn.truth[self.kept], None
+        if work.study.mirror is not None:
+            self.last = np.asarray(jax.vmap(work.study.mirror)(self.truth[:, -1]))
+
+    def added(self, found: Estimated) -> Sums:
+        """The sums of an estimate."""
+        kept = found if len(self.kept) == len(found.mean) else Estimated(*(a[self.kept] for a in found))
+        return summed(kept, self.truth, self.last, self.work.by, self.work.backend)
+
+    def done(self, sums: Mapping[str, Sums], count: int) -> Done:
+        """The block with the sums of its filters, and with the optimum where there are particles."""
+        work = self.work
+        if not len(self.kept):
+            return Done({}, self.size, None)
+        every = dict(sums)
+        if count:
+            for k, name in enumerate((OPTIMUM, CHECK), start=1):
+                seed = work.seed, self.number, k
+                every[name] = self.added(_optimum(work, self.drawn, k * count, seed))
+        told = information(work.study, self.drawn, self.kept, work.backend) if work.bounded else None
+        return Done(every, self.size - len(self.kept), told)
+
+
 def block(work: Work, number: int, size: int, count: int) -> Done:
     """The sums of the first `size` runs of a block, with the optimum where there are particles."""
-    study = work.study
-    drawn = draw(study, work.seed, number, work.backend)
-    kept = np.flatnonzero(drawn.kept[:size])
-    truth, last = drawn.truth[kept], None
-    if study.mirror is not None:
-        last = np.asarray(jax.vmap(study.mirror)(truth[:, -1]))
-    if not len(kept):
-        return Done({}, size, None)
-
-    def added(found: Estimated) -> Sums:
-        return summed(Estimated(*(a[kept] for a in found)), truth, last, work.by)
-
-    sums = {name: added(estimate(work, name, drawn)) for name in work.filters}
-    if count:
-        for k, name in enumerate((OPTIMUM, CHECK), start=1):
-            sums[name] = added(_optimum(work, drawn, k * count, (work.seed, number, k)))
-    told = information(study, drawn, kept, work.backend) if work.bounded else None
-    return Done(sums, size - len(kept), told)
+    opened = Block(work, number, size)
+    names = work.filters if len(opened.kept) else {}
+    return opened.done({name: opened.added(estimate(work, name, opened.drawn)) for name in names}, count)

@@ -223,3 +223,32 @@ void rows(const Rows *r, long first, long end) {
         for (int lane = 0; lane < lanes; lane++) put(made, r->size, lane, r->made + (first + lane) * r->size);
     }
 }
+
+/* One lane beside the other without regard to where they lie. */
+typedef R U __attribute__((vector_size(BYTES), may_alias, aligned(sizeof(R))));
+
+typedef struct {
+    Map map;
+    const R *c;
+    long steps, parts, size;
+    const Series *part; /* what it is given, one after the other */
+    U *sums;            /* (steps, size), a lane each; added to */
+} Totals;
+
+/* A function of what arrays hold of a track and step, added up by step over the tracks [first, end). */
+void totals(const Totals *s, long first, long end) {
+    long wide = 0;
+    for (long p = 0; p < s->parts; p++) wide += s->part[p].size;
+    V given[wide], made[s->size], told[1], lane;
+    for (int i = 0; i < W; i++) lane[i] = i;
+    for (; first < end; first += W) {
+        const M there = v_less(lane, K((R)(end - first)));
+        for (long t = 0; t < s->steps; t++) {
+            V *to = given;
+            for (long p = 0; p < s->parts; to += s->part[p++].size) gather(s->part + p, first, end, t, to);
+            s->map(s->c, given, made, told);
+            U *sum = s->sums + t * s->size;
+            for (long i = 0; i < s->size; i++) sum[i] += v_select(there, made[i], K(0));
+        }
+    }
+}

@@ -9,10 +9,11 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.ticker import LogFormatter, MaxNLocator
+from matplotlib.ticker import LogFormatter
 
 from sigmax.reports.comparison.figures import label, shade, shown_unit
 from sigmax.reports.comparison.standing import Standing
+from sigmax.reports.verdict import significant
 from sigmax.studies import Comparison
 from sigmax.studies.measures import claimed_density, histogram
 
@@ -31,8 +32,9 @@ def pictures(folder: Path, c: Comparison, found: Sequence[Standing]) -> None:
     with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "sigmax"}):
         for name, draw in drawn.items():
             figure = draw()
+            figure.draw_without_rendering()
+            figure.set_layout_engine(None)  # it is laid out, once for both files
             figure.savefig(folder / f"{name}.png", dpi=130)
-            figure.set_layout_engine("none")  # it stays where it was laid out
             figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
             plt.close(figure)
 
@@ -80,31 +82,30 @@ def _histograms(c: Comparison) -> Any:
     worst = np.array([np.nan_to_num(m.ratio.value[c.by.look], posinf=1e9).max(0) for m in c.measures.values()])
     i = int(worst.max(0).argmax())
     factor, _ = shown_unit(c, i)
-    width, height = 2.2 * L, 0.8 + 1.3 * len(names)
-    # Laid out by hand: fitting some seventy small axes to each other takes many seconds.
-    place = {"left": 0.4 / width, "right": 1 - 0.1 / width, "bottom": 0.6 / height, "top": 1 - 0.3 / height}
-    figure, axes = plt.subplots(
-        len(names), L, figsize=(width, height), squeeze=False, gridspec_kw={**place, "wspace": 0.08, "hspace": 0.3}
-    )
-    for at, (row, name) in enumerate(zip(axes, names, strict=True)):
-        for t, (ax, step) in enumerate(zip(row, c.by.look, strict=True)):
+    figure, ax = plt.subplots(figsize=(2.2 * L + 0.8, 0.8 + 1.2 * len(names)), layout="constrained")
+    # Cells of one plot, each over its own reach: as many small plots take many seconds to draw.
+    for t, step in enumerate(c.by.look):
+        ax.text(t + 0.5, -0.08, f"{c.study.time[step]:g} s", ha="center", va="bottom")
+        for row, name in enumerate(names):
             m = c.measures[name]
             claimed = float(np.sqrt(m.claimed[step, i, i]))
             reach = 4 * max(claimed, 2 * float(m.median.value[t, i]))
             if not (np.isfinite(reach) and reach > 0):
                 continue
             density, edges = histogram(c.sums[name].bins[t, i], float(c.by.scale[t, i]), reach)
-            ax.stairs(density / factor, factor * edges, fill=True, color=shade(c, name), alpha=0.5)
             x = np.linspace(-reach, reach, 200)
-            if claimed > 0:
-                ax.plot(factor * x, claimed_density(x, claimed) / factor, "k", linewidth=0.9)
-            ax.set_yticks([])
-            ax.xaxis.set_major_locator(MaxNLocator(3))
-            ax.tick_params(labelsize=7)
-            if at == 0:
-                ax.set_title(f"{c.study.time[step]:g} s", fontsize=9)
-        row[0].set_ylabel(name, fontsize=8)
-    figure.supxlabel(f"error of {label(c, i)}", y=0.1 / height)
+            gaussian = claimed_density(x, claimed) if claimed > 0 else np.zeros(200)
+            high, foot = 1.25 * max(density.max(), gaussian.max()), row + 0.8
+            across = t + 0.5 + 0.45 * edges / reach
+            ax.stairs(foot - 0.8 * density / high, across, baseline=foot, fill=True, color=shade(c, name), alpha=0.5)
+            ax.plot(t + 0.5 + 0.45 * x / reach, foot - 0.8 * gaussian / high, "k", linewidth=0.9)
+            ax.text(t + 0.5, row + 0.97, f"±{significant(factor * reach)}", ha="center", va="bottom", fontsize=7)
+    ax.set(xlim=(0, L), ylim=(len(names), -0.3), xticks=[], yticks=np.arange(len(names)) + 0.6, yticklabels=names)
+    ax.tick_params(length=0)
+    ax.grid(visible=False)
+    for side in ax.spines.values():
+        side.set_visible(False)
+    ax.set_xlabel(f"error of {label(c, i)}, from - to + what stands below; line: the Gaussian that the filter claims")
     return figure
 
 
