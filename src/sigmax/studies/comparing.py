@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import joblib
+from joblib.parallel import get_active_backend
 
 from sigmax.filters import Filter, get
 from sigmax.studies.beforehand import check, chosen_filters, settings_of, yardsticks
@@ -48,7 +49,7 @@ def compare(
         runs: how many; without it as the study says.
         seed: fixes all draws.
         particles: of the optimum; without it as the study says, 0 for none.
-        workers: how many blocks of runs are worked on at once; without it one for each core.
+        workers: how many blocks of runs are worked on at once; without it one for each core, of threads two.
         chunk: blocks that a worker is given at a time.
         folder: where sums are kept, so that a study that was stopped goes on, and one that is repeated
             with more runs only makes those that are new.
@@ -92,7 +93,7 @@ def compare(
     del first, sums
     stored = time.perf_counter()
     kept = totals if totals.blocks <= whole else NOTHING
-    jobs = joblib.effective_n_jobs(workers or -1) if workers != 1 else 1
+    jobs = _jobs(workers)
     at = totals.blocks
     while at < len(sizes_):
         report("runs", min(at * size, count), count)
@@ -126,6 +127,16 @@ def compare(
         prepared,
         time.perf_counter() - begun,
     )
+
+
+def _jobs(workers: int | None) -> int:
+    """How many blocks are worked on at once."""
+    if workers == 1:
+        return 1
+    backend, _ = get_active_backend(prefer="threads")
+    jobs = joblib.effective_n_jobs(workers or -1)
+    # While the engine, which has threads of its own, works for one, another draws and sums.
+    return 2 * jobs if workers is None and getattr(backend, "uses_threads", False) else jobs
 
 
 def _dealt(work: Work, group: Sequence[tuple[int, int, int]], jobs: int, chunk: int) -> list[Done]:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -82,7 +83,7 @@ def parts(study: Study) -> Parts:
     """The functions that draw a study, the same objects at every call so that they are compiled once."""
     nature, model = study.nature or study.model, study.model
     mean, cov = np.asarray(study.prior.mean, float), np.asarray(study.prior.cov, float)
-    root = np.asarray(cholesky(jnp.asarray(cov))[0])
+    root = mapped(root_of, cov[None])[0][0]  # operation by operation JAX would compile for seconds
     fixed = None if study.start is None else np.asarray(study.start, float)
     estimate = study.estimate
 
@@ -103,7 +104,7 @@ def sizes(study: Study) -> dict[str, int]:
     """The number of components of each sensor's measurement."""
     x = jnp.asarray(study.prior.mean)
     u = None if study.inputs is None else jnp.asarray(np.asarray(study.inputs, float)[0])
-    return {s: int(sensing(study.model, s, x, u)(x).shape[0]) for s in study.model.sensors}
+    return {s: jax.eval_shape(lambda x, s=s: sensing(study.model, s, x, u)(x), x).shape[0] for s in study.model.sensors}
 
 
 def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Drawn:
