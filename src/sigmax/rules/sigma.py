@@ -89,6 +89,11 @@ class SigmaPoints:
         read = reading(g.function, x.shape[0], g.single, x.dtype)
         plan = self.plan(read, S.shape[1])
         made: dict[int, Linearization] = {}
+        # The set sees an angle's deviations within a turn, also where it is straight in what is sampled anyway.
+        turned = [
+            i for i in range(len(read.results)) if angular[i] and read.masks[read.results[i].index].reads & read.bent
+        ]
+        plan = plan._replace(bent=tuple(sorted({*plan.bent, *turned}))) if plan.bent else plan
         straight = tuple(i for i in range(len(read.results)) if i not in plan.bent)
         if straight:
             made |= _rows(straight, _straight(read, straight, g, x, S, [angular[i] for i in straight]))
