@@ -174,6 +174,21 @@ def test_moments_are_those_of_the_plain_rule_with_the_same_root(family, paramete
     same(line, plain, S, root)
 
 
+def test_an_angle_spread_over_turns_counts_as_its_set_sees_it():
+    """A course known to 426 degrees is straight in the course and is sampled all the same, as the motion needs it."""
+    motion = sigmax.motions.coordinated_turn()
+    angular = tuple(isinstance(name, sigmax.angle) for name in motion.state)
+    x = np.array([0.0, 0.0, 100.0, 0.5, 0.01])
+    S = np.diag([1.0, 1.0, 3.0, np.deg2rad(426), 0.02]) + np.tril(0.01 * np.ones((5, 5)), -1)
+    rule = SigmaPoints(cubature, degree=3)
+    g = Lifted(motion.function, [(jnp.asarray(1.0), 0)], False)
+    line = rule(g, jnp.asarray(x), jnp.asarray(S), angular)
+    plain = regressed(rule.points(5), lambda points, _: g(points), jnp.asarray(x), jnp.asarray(S), angular)
+    for own, wanted in ((line.mean, plain.mean), (spread(line), spread(plain)), (line.slope, plain.slope)):
+        np.testing.assert_allclose(own, wanted, atol=1e-11, rtol=1e-12)
+    assert spread(line)[3, 3] < 0.2 * S[3, 3] ** 2
+
+
 def test_what_enters_straight_is_not_sampled():
     read = reading(mixed, 6, (jnp.asarray(0.3), jnp.ones(1)))
     assert read.bent_rows == (2, 3, 4, 5)
