@@ -65,7 +65,7 @@ def sent_until_killed(run, some, from_serial, seconds):
     acknowledged = from_serial
     with contextlib.closing(socket.create_connection(plots, timeout=WAIT)) as connection:
         connection.setblocking(False)
-        data = b"".join(line + b"\n" for line in some[from_serial:])
+        data = b"".join(line + b"\n" for line in some[from_serial : from_serial + 5000])
         ended, heard, killed = time.monotonic() + seconds, b"", False
         while not killed:
             killed = time.monotonic() > ended
@@ -85,19 +85,20 @@ def sent_until_killed(run, some, from_serial, seconds):
 
 def killed_often(tmp_path, kills, seed):
     """Tracks after kills at random moments equal those without; each start sends what was not acknowledged."""
-    some = lines(2000, whole=False)
+    some = lines(400 * kills, whole=False)
     rng = random.Random(seed)
     ends = ("--from", "tcp:0", "--to", "tcp:0", "--checkpoint", str(tmp_path / "state"), "--quiet", "1000")
     at = 0
-    for _ in range(kills):
+    for kill in range(kills):
+        print(f"kill {kill + 1}: {at} lines acknowledged", flush=True)
         with process(tmp_path, *ends) as run:
             if rng.random() < 0.2:
                 # While it starts, or takes up what was.
                 time.sleep(rng.uniform(0, 4))
             else:
                 at = sent_until_killed(run, some, at, rng.uniform(0, 0.3))
-        if at >= len(some) - 1000:
-            break
+        # Enough is left for all the others.
+        assert at < len(some) - 40
     stop = min(at + 40, len(some))
     with process(tmp_path, *ends) as run:
         plots, updates = addresses(run)

@@ -1,5 +1,6 @@
 """The service without its sockets: lines in, updates out, a checkpoint beside."""
 
+import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -17,6 +18,8 @@ from sigmax.tracking.tracker import Saved
 
 # Senders that number their lines are remembered up to so many.
 _SOURCES = 1000
+# Seconds of work after which the state is kept, so that going on after a crash takes about as long at most.
+_REPEATED = 5.0
 FLUSH = Line(b'{"flush":true}', True)
 
 
@@ -64,6 +67,8 @@ class Service:
         self._gathering = Gathering.nothing()
         self._updates = 0
         self._due: list[Message] = []
+        # Seconds of work since the state was last kept.
+        self._worked = 0.0
         self.latest: bytes | None = None
         _compile(feed)
         if checkpoint is not None:
@@ -90,7 +95,7 @@ class Service:
     def work(self) -> Iterator[bytes]:
         """Track what has been accepted; an update for each scan."""
         yield from self._tracked()
-        if self.checkpoint is not None and self.checkpoint.full:
+        if self.checkpoint is not None and (self.checkpoint.full or self._worked > _REPEATED):
             self.keep()
 
     def keep(self) -> None:
@@ -100,6 +105,7 @@ class Service:
             self.checkpoint.keep(
                 _Kept(self.tracker.save(), self._gathering, self.serials, dict(self.counts), self._updates)
             )
+            self._worked = 0.0
 
     def _judged(self, line: Line) -> Verdict:
         if not line.whole:
@@ -147,7 +153,7 @@ class Service:
         return [scan for plot in message.plots for scan in gathering.add(plot, self.feed.periods)]
 
     def _step(self, scan: Scan) -> bytes | None:
-        before = self.tracker.save()
+        before, began = self.tracker.save(), time.monotonic()
         try:
             told = self.tracker.step(scan)
         except Exception:
@@ -155,6 +161,8 @@ class Service:
             self.tracker.restore(before)
             self.counts["failed"] += 1
             return None
+        finally:
+            self._worked += time.monotonic() - began
         self.tracker.forget()
         if told is None:
             return None
@@ -191,6 +199,9 @@ class Service:
             self._take(self.feed.read(line))
             for _ in self._tracked():
                 pass
+        if checkpoint.lines:
+            # The next crash repeats nothing of this.
+            self.keep()
         checkpoint.lines = []
 
 
