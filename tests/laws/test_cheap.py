@@ -154,9 +154,10 @@ def test_moments_are_those_of_the_plain_rule_with_the_same_root(family, paramete
     u = rng.uniform(0, 1, (1, *batch))
     g = Lifted(mixed, [(jnp.asarray(0.3), 0), (jnp.asarray(u), 1)], bool(batch))
     rule = SigmaPoints(family, permute=permute, **parameters)
-    plan = rule.plan(reading(mixed, 6, g.single))
+    plan = rule.plan(reading(mixed, 6, g.single), ANGULAR)
     assert plan.turned == permute
-    assert plan.bent == (2, 3, 4, 5)
+    # The angle of row 1 is straight in what bends row 4.
+    assert plan.rows == (1, 2, 3, 4, 5)
     assert plan.size == (6 if parameters == {"moireau": True} or not permute else 4)
     order = [*plan.order, *(c for c in range(6) if c not in plan.order)]
     root = np.empty_like(S)
@@ -191,9 +192,10 @@ def test_an_angle_spread_over_turns_counts_as_its_set_sees_it():
 
 def test_what_enters_straight_is_not_sampled():
     read = reading(mixed, 6, (jnp.asarray(0.3), jnp.ones(1)))
-    assert read.bent_rows == (2, 3, 4, 5)
-    assert {(2,), (4,), (5,), (3, 5), (4, 5)} <= {part.reads for part in read.parts()} <= set(SUBSETS)
-    assert "sin" in {w for part in read.parts() if part.reads == (5,) for w in part.what.replace(",", "").split()}
+    assert read.sampled_rows([False] * 7) == (2, 3, 4, 5)
+    parts = read.parts((2, 3, 4, 5))
+    assert {(2,), (4,), (5,), (3, 5), (4, 5)} <= {part.reads for part in parts} <= set(SUBSETS)
+    assert "sin" in {w for part in parts if part.reads == (5,) for w in part.what.replace(",", "").split()}
 
 
 def test_a_loop_of_unknown_length_and_a_tracer_are_taken_as_they_are():
@@ -201,8 +203,8 @@ def test_a_loop_of_unknown_length_and_a_tracer_are_taken_as_they_are():
         return jnp.stack([x[0] + x[1], jax.lax.while_loop(lambda s: s < 10, lambda s: s * 2, x[2]) + x[3]])
 
     read = reading(stubborn, 4)
-    assert read.bent_rows == (1,)
-    assert [part.reads for part in read.parts()] == [(2,)]
+    assert read.sampled_rows((False, False)) == (1,)
+    assert [part.reads for part in read.parts((1,))] == [(2,)]
 
     @jax.jit
     def likelihood(theta):
@@ -255,6 +257,12 @@ def test_the_evaluations_told_are_those_made(family, parameters, permute, reads)
     assert rule.evaluations(straight, 4, (False,)) == 5
 
 
+def test_an_angle_is_sampled_where_it_reads_what_bends_others():
+    read = reading(lambda x: jnp.stack([x[0] ** 2, x[0] + x[3], 2 * x[3]]), 4)
+    assert read.sampled_rows((False, False, False)) == (0,)
+    assert read.sampled_rows((False, True, True)) == (0, 1)
+
+
 def test_a_map_of_millions_is_read_and_looked_up_without_a_node_for_each_height():
     heights = np.arange(3_000_000.0)
 
@@ -263,7 +271,7 @@ def test_a_map_of_millions_is_read_and_looked_up_without_a_node_for_each_height(
 
     read = reading(looked, 2)
     assert len(read.masks) < 500
-    assert [part.reads for part in read.parts()] == [(0,)]
+    assert [part.reads for part in read.parts((0,))] == [(0,)]
     g = Graph()
     (made,) = evaluate(g, jax.make_jaxpr(looked)(jnp.zeros(2)), [g.inputs("x", (2,))])
     assert len(g.nodes) < 500

@@ -11,7 +11,7 @@ class Plan(NamedTuple):
     """What a sigma rule does with a function.
 
     Attributes:
-        bent: rows of the result that are sampled; the others are straight, so that their moments are exact.
+        rows: of the result, those that are sampled; the others are straight, so that their moments are exact.
         order: the components whose points are drawn, in this order: those that have to vary, and more where the
             set asks for it.
         turned: whether that is another order than the state's, for which the factor's rows are made triangular.
@@ -20,7 +20,7 @@ class Plan(NamedTuple):
         levels: how many coordinates it takes to tell the values of a component, 0 for one that is held at its mean.
     """
 
-    bent: tuple[int, ...]
+    rows: tuple[int, ...]
     order: tuple[int, ...]
     turned: bool
     parts: tuple[Part, ...]
@@ -36,14 +36,17 @@ class Plan(NamedTuple):
         return {place: self.level(components(masks.reads)) for place, masks in read.places.items()}
 
 
-def planned(read: Reading, counts: Sequence[int], sizes: Sequence[int], permute: bool) -> Plan:
+def planned(
+    read: Reading, angular: Sequence[bool], counts: Sequence[int], sizes: Sequence[int], permute: bool
+) -> Plan:
     """The plan for a sigma set with `counts` distinct points by their first 0, 1, … n coordinates.
 
     In the order of the state, or with `permute` in the best one where that saves more than the turning of the
     factor costs. `sizes` are the numbers of coordinates by which the set can be projected.
     """
     varying = components(read.bent)
-    parts = read.parts()
+    rows = read.sampled_rows(angular)
+    parts = read.parts(rows)
     everything = tuple(range(read.size))
 
     def plan(order: tuple[int, ...]) -> Plan:
@@ -51,7 +54,7 @@ def planned(read: Reading, counts: Sequence[int], sizes: Sequence[int], permute:
         levels = tuple(order.index(c) + 1 if c in varying else 0 for c in everything)
         size = next((k for k in sizes if k >= max(levels)), 0) if varying else 0
         turned = order[:size] != everything[:size]
-        return Plan(read.bent_rows, order[:size], turned, parts, size, levels)
+        return Plan(rows, order[:size], turned, parts, size, levels)
 
     given = plan(everything)
     if not permute or not varying:
@@ -60,7 +63,7 @@ def planned(read: Reading, counts: Sequence[int], sizes: Sequence[int], permute:
     first += tuple(c for c in varying if c not in first)
     best = plan(first + tuple(c for c in everything if c not in first))
     saved = total_cost(parts, everything, counts) - total_cost(parts, first, counts)
-    return best if saved > _turning(best.size, read.size, len(best.bent)) * best.turned else given
+    return best if saved > _turning(best.size, read.size, len(rows)) * best.turned else given
 
 
 def _turning(k: int, n: int, m: int) -> float:

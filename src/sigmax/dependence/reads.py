@@ -73,16 +73,24 @@ class Reading(NamedTuple):
             found |= self.masks[node.index].bent
         return found
 
-    @property
-    def bent_rows(self) -> tuple[int, ...]:
-        """The results that are not straight in all they read."""
-        return tuple(i for i, node in enumerate(self.results) if self.masks[node.index].bent)
+    def sampled_rows(self, angular: Sequence[bool]) -> tuple[int, ...]:
+        """The results that are not straight in all they read, and the angles that read what bends others.
 
-    def parts(self) -> tuple[Part, ...]:
-        """What has to be sampled: the operations behind bent results, by the bent components they read."""
+        A sigma set sees the deviations of an angle within a turn, so that one that is spread over turns is straight
+        no more: where it varies anyway, it is sampled.
+        """
+        varying, found = self.bent, []
+        for i, (node, turning) in enumerate(zip(self.results, angular, strict=True)):
+            masks = self.masks[node.index]
+            if masks.bent or (turning and masks.reads & varying):
+                found.append(i)
+        return tuple(found)
+
+    def parts(self, rows: Sequence[int]) -> tuple[Part, ...]:
+        """What has to be sampled: the operations behind these results, by the bent components they read."""
         varying = self.bent
         found: dict[int, tuple[float, Counter[str]]] = {}
-        for node in needed([self.results[i] for i in self.bent_rows]):
+        for node in needed([self.results[i] for i in rows]):
             key = self.masks[node.index].reads & varying
             cost = cost_of(node, self.opaque)
             if key and cost:

@@ -55,10 +55,10 @@ class SigmaPoints:
         """The unit set in n dimensions."""
         return unit_set(self.family, self.parameters, n)
 
-    def plan(self, read: Reading, columns: int | None = None) -> Plan:
+    def plan(self, read: Reading, angular: Sequence[bool], columns: int | None = None) -> Plan:
         """What is done with a function of which it is known what it reads, over so many columns of the factor."""
         n = read.size if columns is None else columns
-        return planned(read, *unit_counts(self.family, self.parameters, n), self.permute)
+        return planned(read, angular, *unit_counts(self.family, self.parameters, n), self.permute)
 
     def evaluations(self, g: Function, n: int, angular: Sequence[bool], columns: int | None = None) -> int:
         """How often g is evaluated about n components; derivatives in a direction count as one.
@@ -73,13 +73,13 @@ class SigmaPoints:
         if not isinstance(g, Lifted):
             return unit.evaluations
         read = reading(g.function, n, g.single)
-        plan = self.plan(read, columns)
-        if not plan.bent:
+        plan = self.plan(read, angular, columns)
+        if not plan.rows:
             return 1 + columns
         level = max(plan.level(part.reads) for part in plan.parts)
         at_mean = not unit.points[grouped(unit.points).first[level], :level].any(1).all()
         # Angles are differences about the value at the mean.
-        return unit.counts[level] + (not at_mean and any(angular[i] for i in plan.bent))
+        return unit.counts[level] + (not at_mean and any(angular[i] for i in plan.rows))
 
     def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """Evaluate g at the points x̂ + S ξ and regress; angles are differences about a reference."""
@@ -87,19 +87,14 @@ class SigmaPoints:
         if not isinstance(g, Lifted):
             return regressed(unit, lambda points, _: g(points), x, S, angular)
         read = reading(g.function, x.shape[0], g.single, x.dtype)
-        plan = self.plan(read, S.shape[1])
+        plan = self.plan(read, angular, S.shape[1])
         made: dict[int, Linearization] = {}
-        # The set sees an angle's deviations within a turn, also where it is straight in what is sampled anyway.
-        turned = [
-            i for i in range(len(read.results)) if angular[i] and read.masks[read.results[i].index].reads & read.bent
-        ]
-        plan = plan._replace(bent=tuple(sorted({*plan.bent, *turned}))) if plan.bent else plan
-        straight = tuple(i for i in range(len(read.results)) if i not in plan.bent)
+        straight = tuple(i for i in range(len(read.results)) if i not in plan.rows)
         if straight:
             made |= _rows(straight, _straight(read, straight, g, x, S, [angular[i] for i in straight]))
-        if plan.bent:
-            turning = [angular[i] for i in plan.bent]
-            made |= _rows(plan.bent, _sampled(unit, plan, read, g, x, S, turning))
+        if plan.rows:
+            turning = [angular[i] for i in plan.rows]
+            made |= _rows(plan.rows, _sampled(unit, plan, read, g, x, S, turning))
         return _joined([made[i] for i in range(len(read.results))])
 
 
@@ -119,14 +114,14 @@ def _sampled(
     The components that vary are N(x_a, T Tᵀ), and a projected sigma set is one for them; S_a = T Θ with
     orthonormal rows Θ brings the slope back to the columns of S. What enters straight adds its slope.
     """
-    levels, whole = plan.places(read), len(plan.bent) == len(read.results)
+    levels, whole = plan.places(read), len(plan.rows) == len(read.results)
 
     def at(points: jax.Array, xi: np.ndarray) -> jax.Array:
         groups = grouped(xi)
 
         def single(points: jax.Array, *rest: jax.Array) -> jax.Array:
             values = read.line.at_points(points, rest, levels, groups)
-            return values if whole else values[np.array(plan.bent)]
+            return values if whole else values[np.array(plan.rows)]
 
         return g.over_batch(single, points)
 
@@ -141,14 +136,14 @@ def _sampled(
     if plan.turned:
         slope = turned_back(line.slope, mirrors)
     else:
-        beyond = jnp.zeros((len(plan.bent), S.shape[1] - plan.size, *x.shape[1:]), x.dtype)
+        beyond = jnp.zeros((len(plan.rows), S.shape[1] - plan.size, *x.shape[1:]), x.dtype)
         slope = jnp.concatenate([line.slope, beyond], axis=1)
     held = 0
-    for i in plan.bent:
+    for i in plan.rows:
         held |= read.masks[read.results[i].index].reads & ~read.bent
     if held:
         along = jnp.stack([S[c] if c in components(held) else jnp.zeros_like(S[c]) for c in range(read.size)])
-        slope = slope + slope_of(g.instead(_chosen(read, plan.bent, lambda carried: carried & held)), x, along)[1]
+        slope = slope + slope_of(g.instead(_chosen(read, plan.rows, lambda carried: carried & held)), x, along)[1]
     return line._replace(slope=slope)
 
 

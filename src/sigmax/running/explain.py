@@ -120,7 +120,7 @@ def _explained(
     unit = rule.points(n)
     rules = [SigmaPoints(rule.family, permute=p, **dict(rule.parameters)) for p in (False, True)]
     read = reading(function, n, rest)
-    plans = [r.plan(read) for r in rules]
+    plans = [r.plan(read, angular) for r in rules]
     names = [str(name) for name in model.state]
 
     def times(plan: Plan, reads: Sequence[int]) -> int:
@@ -140,7 +140,7 @@ def _explained(
         what,
         str(rules[0]),
         unit.evaluations,
-        len(read.results) - len(plans[0].bent),
+        len(read.results) - len(plans[0].rows),
         len(read.results),
         tuple(names[c] for c in range(n) if not plans[0].levels[c]),
         parts,
