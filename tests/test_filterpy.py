@@ -5,6 +5,8 @@ import pytest
 
 import sigmax
 from sigmax import filterpy as ours
+from sigmax.filterpy import compiled, steps
+from sigmax.native.calls import extension
 
 N, M = 3, 2
 F = np.array([[1.0, 0.1, 0.0], [0.0, 0.95, 0.1], [0.02, 0.0, 1.0]])
@@ -48,6 +50,55 @@ def close(a, b, allowed=1e-11):
 def same(a, b, names):
     for name in names.split():
         close(getattr(a, name), getattr(b, name))
+
+
+def linear():
+    k = prepared(ours.KalmanFilter(N, M))
+    k.F, k.H, k.alpha = F, H, 1.01
+    return k
+
+
+def unscented():
+    return prepared(ours.UnscentedKalmanFilter(N, M, 0.1, seen, bent, points(ours, "negative")))
+
+
+@pytest.mark.parametrize("make", [linear, unscented])
+def test_a_compiled_step_is_the_step_of_numpy(make, monkeypatch):
+    """With negative weights, components missing, a noise that leaves a component out; the same refusals."""
+    names = "x P K S P_prior log_likelihood"
+
+    def stepped():
+        k, found = make(), []
+        k.Q = np.diag([0.1, 0.0, 0.2])
+        for z in [*Z, np.array([np.nan, 0.3]), None]:
+            k.predict()
+            k.update(z)
+            found.append([np.array(getattr(k, name)) for name in names.split()])
+        k.R, k.P = np.zeros((M, M)), np.zeros((N, N))
+        with pytest.raises(np.linalg.LinAlgError, match="innovation is not positive definite"):
+            k.update(Z[0])
+        return found
+
+    kept = compiled.predicting, compiled.correcting
+    calls = []
+    monkeypatch.setattr(steps, "predicting", lambda *shapes: calls.append(shapes) or kept[0](*shapes))
+    fast = stepped()
+    assert calls
+    assert extension() is None or None not in [*map(kept[0], *zip(*calls, strict=True))]
+    monkeypatch.setattr(steps, "predicting", lambda *shapes: None)
+    monkeypatch.setattr(steps, "correcting", lambda *shapes: None)
+    for one, other in zip(fast, stepped(), strict=True):
+        for a, b in zip(one, other, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
+
+
+def test_a_large_filter_does_not_wait_for_a_compiler():
+    assert compiled.predicting((30, 30), (30, 0), (30, 0), (30, 30)) is None
+    k = ours.KalmanFilter(30, 1)
+    k.H = np.ones((1, 30))
+    k.predict()
+    k.update(3.0)
+    assert k.P.shape == (30, 30)
 
 
 @pytest.mark.parametrize("which", ["Merwe", "negative", "Julier"])

@@ -36,9 +36,7 @@ class Plan(NamedTuple):
         return {place: self.level(components(masks.reads)) for place, masks in read.places.items()}
 
 
-def planned(
-    read: Reading, angular: Sequence[bool], counts: Sequence[int], sizes: Sequence[int], permute: bool
-) -> Plan:
+def planned(read: Reading, angular: Sequence[bool], counts: Sequence[int], sizes: Sequence[int], permute: bool) -> Plan:
     """The plan for a sigma set with `counts` distinct points by their first 0, 1, … n coordinates.
 
     In the order of the state, or with `permute` in the best one where that saves more than the turning of the

@@ -1,12 +1,14 @@
 """What FilterPy's filters have in common: the attributes, and a factor that follows P."""
 
 import sys
+from math import isnan
 from typing import Any
 
 import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filterpy import steps
+from sigmax.filterpy.compiled import Corrected, Predicted
 
 _FLOOR = sys.float_info.min
 
@@ -93,27 +95,25 @@ class Base:
     def _noise_factor(self, name: str, given: Any, n: int) -> np.ndarray:
         return self._kept[name].factor(matrix(name, given, n))
 
-    def _hold(self, x: np.ndarray, S: np.ndarray) -> None:
-        self.x = x.reshape(np.shape(self.x))
-        self.P = S @ S.T
-        self._kept["P"].keep(self.P, S)
+    def _hold(self, x: np.ndarray, S: np.ndarray, P: np.ndarray) -> None:
+        self.x, self.P = x.reshape(np.shape(self.x)), P
+        self._kept["P"].keep(P, S)
 
-    def _predicted(self, x: np.ndarray, S: np.ndarray) -> None:
-        self._hold(x, S)
+    def _predicted(self, x: np.ndarray, made: Predicted) -> None:
+        self._hold(x, made.factor, made.cov)
         self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
 
     def _updated(self, z: Any) -> None:
         self.z = z
-        self.x_post, self.P_post = np.copy(self.x), np.copy(self.P)
+        self.x_post, self.P_post = np.array(self.x), np.array(self.P)
 
     def _correct(self, z: Any, y: np.ndarray, line: steps.Line, R: Any, add: Any = np.add) -> None:
         """Correct with the innovation y (m,), components that are NaN left out."""
         m = len(y)
-        missing = np.isnan(y)
-        if not missing.any():
+        if not isnan(y @ y):
             self._take(z, y, steps.correct(self._factor(), line, self._noise_factor("R", R, m), y), add)
             return
-        seen = np.flatnonzero(~missing)
+        seen = np.flatnonzero(~np.isnan(y))
         if not len(seen):
             self._updated(None)
             return
@@ -125,13 +125,13 @@ class Base:
         self.K, self.S = np.zeros((self.dim_x, m)), np.full((m, m), np.nan)
         self.y[seen], self.K[:, seen], self.S[np.ix_(seen, seen)] = y_seen, K_seen, S_seen
 
-    def _take(self, z: Any, y: np.ndarray, made: steps.Corrected, add: Any) -> None:
+    def _take(self, z: Any, y: np.ndarray, made: Corrected, add: Any) -> None:
         """The state after a correction, and its results."""
-        self._hold(np.asarray(add(np.ravel(self.x), made.gain @ y), float), made.factor)
-        self.K, self.S = made.gain, made.innovation_factor @ made.innovation_factor.T
+        self._hold(np.asarray(add(np.ravel(self.x), made.shift), float), made.factor, made.cov)
+        self.K, self.S = made.gain, made.innovation
         self.y = y.reshape(-1, 1) if np.ndim(self.x) == 2 else y
         self._whitened, self._innovation_factor = made.whitened, made.innovation_factor
-        self._updated(np.copy(z))
+        self._updated(np.array(z))
 
 
 def matrix(name: str, given: Any, n: int) -> np.ndarray:

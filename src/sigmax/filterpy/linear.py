@@ -8,6 +8,7 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.filterpy import steps
 from sigmax.filterpy.base import Base, matrix
+from sigmax.filterpy.compiled import Predicted
 
 
 class KalmanFilter(Base):
@@ -50,13 +51,13 @@ class KalmanFilter(Base):
 
     def get_prediction(self, u: Any = None, B: Any = None, F: Any = None, Q: Any = None) -> tuple[Any, Any]:
         """State and covariance that `predict` would give; the filter stays as it is."""
-        x, S = self._moved(u, B, F, Q)
-        return x.reshape(np.shape(self.x)), S @ S.T
+        x, made = self._moved(u, B, F, Q)
+        return x.reshape(np.shape(self.x)), made.cov
 
     def predict_steadystate(self, u: Any = None, B: Any = None) -> None:
         """Move the state on and leave P as it is."""
         self.x = self._ahead(self.F, u, self.B if B is None else B).reshape(np.shape(self.x))
-        self.x_prior, self.P_prior = self.x.copy(), np.copy(self.P)
+        self.x_prior, self.P_prior = self.x.copy(), np.array(self.P)
 
     def update(self, z: Any, R: Any = None, H: Any = None) -> None:
         """Correct with z, a number, (m,) or (m, 1), None or NaN where it is missing."""
@@ -80,7 +81,7 @@ class KalmanFilter(Base):
             self.x = self.x + (self.K @ y).reshape(np.shape(self.x))
             self.y = y.reshape(-1, 1) if np.ndim(self.x) == 2 else y
             self._whitened = np.linalg.solve(self._innovation_factor, y)
-        self._updated(None if z is None else np.copy(z))
+        self._updated(None if z is None else np.array(z))
 
     def update_correlated(self, z: Any, R: Any = None, H: Any = None) -> None:
         """Correct where the noise of the motion before and that of the sensor have the covariance `M` (n, m)."""
@@ -93,7 +94,7 @@ class KalmanFilter(Base):
         together = np.block([[np.asarray(self.P, float), self.M], [np.transpose(self.M), noise]])
         joint = steps.factor(together)
         line = steps.straight(H @ joint[: self.dim_x] + joint[self.dim_x :])
-        made = steps.correct(joint[: self.dim_x], line, np.zeros((len(y), 0)), y)
+        made = steps.correct(joint[: self.dim_x], line, np.zeros((len(y), len(y))), y)
         self._take(z, y, made, np.add)
 
     def update_sequential(self, start: int, z_i: Any, R_i: Any = None, H_i: Any = None) -> None:
@@ -202,16 +203,18 @@ class KalmanFilter(Base):
         moved = np.asarray(F, float) @ np.ravel(self.x)
         return moved if B is None or u is None else moved + np.ravel(np.dot(B, u))
 
-    def _moved(self, u: Any, B: Any, F: Any, Q: Any) -> tuple[np.ndarray, np.ndarray]:
+    def _moved(self, u: Any, B: Any, F: Any, Q: Any) -> tuple[np.ndarray, Predicted]:
         F = np.asarray(self.F if F is None else F, float)
         noise = self._noise_factor("Q", self.Q if Q is None else Q, self.dim_x)
-        S = steps.predict(steps.straight(self._fading * F @ self._factor()), noise)
-        return self._ahead(F, u, self.B if B is None else B), S
+        slope = F @ self._factor()
+        made = steps.predict(steps.straight(slope if self._fading == 1 else self._fading * slope), noise)
+        return self._ahead(F, u, self.B if B is None else B), made
 
     def _off(self, z: Any, H: Any) -> tuple[np.ndarray, np.ndarray]:
         """What z (m,) is off the expected, and H."""
-        H = np.atleast_2d(np.asarray(self.H if H is None else H, float))
-        measured = np.ravel(np.asarray(z, float))
+        H = np.asarray(self.H if H is None else H, float)
+        H = H if H.ndim == 2 else np.atleast_2d(H)
+        measured = np.asarray(z, float).ravel()
         if len(measured) != len(H):
             raise InputError(f"z has {len(measured)} components, H has {len(H)} rows")
         return measured - H @ np.ravel(self.x), H

@@ -1,8 +1,8 @@
-"""Prediction, correction and smoothing of a factor, given what a linearisation says: LAPACK on small matrices.
+"""Prediction, correction and smoothing of a factor, given what a linearisation says.
 
-One step at a time, calling a compiled function costs more than what it does, so these are plain NumPy; they do what
-`forms.square_root` does. Where a covariance is not positive definite they raise `numpy.linalg.LinAlgError`, as
-FilterPy's users expect.
+Small ones are compiled (see `compiled`); large ones, and all where there is no compiler, are LAPACK called from NumPy
+and do the same. Where a covariance is not positive definite they raise `numpy.linalg.LinAlgError`, as FilterPy's users
+expect.
 """
 
 from functools import cache
@@ -15,6 +15,7 @@ from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dgeqrf, dpotrf
 
 from sigmax.algebra.factor import cholesky
+from sigmax.filterpy.compiled import Corrected, Predicted, correcting, predicting
 
 
 class Line(NamedTuple):
@@ -33,7 +34,8 @@ class Line(NamedTuple):
 
 def straight(slope: np.ndarray) -> Line:
     """A line that misses nothing."""
-    return Line(slope, slope[:, :0], slope[:, :0])
+    nothing = _no_columns(len(slope))
+    return Line(slope, nothing, nothing)
 
 
 def factor(P: np.ndarray, name: str = "P") -> np.ndarray:
@@ -69,27 +71,31 @@ class Kept:
         self._factor, self._of = S, P.tobytes()
 
 
-def predict(line: Line, Lq: np.ndarray) -> np.ndarray:
-    """The factor of the predicted covariance, with the factor of the noise."""
+def predict(line: Line, Lq: np.ndarray) -> Predicted:
+    """The predicted covariance and its factor, with the factor of the noise (n, n)."""
     why = "the predicted covariance is not positive definite; a sigma point of negative weight took too much"
-    return _less(_tria((line.slope, line.residual, Lq), why), line.deficit, why)
-
-
-class Corrected(NamedTuple):
-    """Factor of the covariance S, gain K (n, m), whitened innovation (m,), factor of its covariance (m, m)."""
-
-    factor: np.ndarray
-    gain: np.ndarray
-    whitened: np.ndarray
-    innovation_factor: np.ndarray
+    slope, residual, deficit = line
+    step = predicting(slope.shape, residual.shape, deficit.shape, Lq.shape)
+    if step is not None:
+        made = step(slope, residual, deficit, Lq)
+        _refuse(made.sound, why)
+        return made
+    S = _less(_tria((line.slope, line.residual, Lq), why), line.deficit, why)
+    return Predicted(S, S @ S.T, True)
 
 
 def correct(S: np.ndarray, line: Line, Lr: np.ndarray, y: np.ndarray) -> Corrected:
-    """The effect of a measurement with innovation y (m,) and a factor of its noise (m, k), on S Sᵀ, S (n, l), l ≥ n.
+    """The effect of a measurement with innovation y (m,) and a factor of its noise (m, m), on S Sᵀ, S (n, l), l ≥ n.
 
     [[R̃, E], [0, S]] triangularised at once to [[S_y, 0], [K S_y, S⁺]], with R̃ = tria[L_r, N] less D.
     """
     why = "the covariance of the innovation is not positive definite; R may be zero or a weight too negative"
+    slope, residual, deficit = line
+    step = correcting(S.shape, slope.shape, residual.shape, deficit.shape, Lr.shape, y.shape)
+    if step is not None:
+        at_once = step(S, slope, residual, deficit, Lr, y)
+        _refuse(at_once.sound, why)
+        return at_once
     m, n = line.slope.shape[0], S.shape[0]
     if line.deficit.shape[1]:
         Lr = _less(_tria((Lr, line.residual), why), line.deficit, why)
@@ -106,7 +112,8 @@ def correct(S: np.ndarray, line: Line, Lr: np.ndarray, y: np.ndarray) -> Correct
     squared = (Sy * Sy).sum(1)
     _refuse((Sy.diagonal() ** 2 > 1e-30 * squared).all(), why)
     gain = _solved(Sy, half.T, turned=True).T
-    return Corrected(made[m:, m:], gain, _solved(Sy, y[:, None]).ravel(), Sy)
+    root = made[m:, m:]
+    return Corrected(gain @ y, root, root @ root.T, gain, _solved(Sy, y[:, None]).ravel(), Sy, Sy @ Sy.T, True)
 
 
 def smooth(S: np.ndarray, line: Line, Lq: np.ndarray, later: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -115,11 +122,11 @@ def smooth(S: np.ndarray, line: Line, Lq: np.ndarray, later: np.ndarray) -> tupl
     G = S Eᵀ P⁻¹ and S_s = tria[S − G E, G L_q, G N, G S_later], less G D.
     """
     why = "a predicted or smoothed covariance is not positive definite"
-    predicted = predict(line, Lq)
+    predicted, cov, _ = predict(line, Lq)
     _refuse((predicted.diagonal() > 0).all(), why)
     gain = _solved(predicted, _solved(predicted, line.slope @ S.T), turned=True).T
     root = _tria((S - gain @ line.slope, gain @ Lq, gain @ line.residual, gain @ later), why)
-    return _less(root, gain @ line.deficit, why), gain, predicted @ predicted.T
+    return _less(root, gain @ line.deficit, why), gain, cov
 
 
 def _tria(parts: tuple[np.ndarray, ...], why: str) -> np.ndarray:
@@ -149,6 +156,11 @@ def _less(L: np.ndarray, D: np.ndarray, why: str) -> np.ndarray:
 def _solved(L: np.ndarray, B: np.ndarray, turned: bool = False) -> np.ndarray:
     """L⁻¹ B, or L⁻ᵀ B. LAPACK's own routine for it would wake threads for the smallest matrix."""
     return np.asarray(dtrsm(1.0, L, B, lower=1, trans_a=int(turned)))
+
+
+@cache
+def _no_columns(n: int) -> np.ndarray:
+    return np.empty((n, 0))
 
 
 @cache
