@@ -153,11 +153,12 @@ def main() -> None:
         cells = [f"{a:.{digits}f} + {b - a:.{digits}f}" for a, b in took.values()]
         marginal, staged = whole["HCIF, every point"] / whole["MTSHCIF"], whole["TSHCIF"] / whole["HCIF [b; x]"]
         near = f"{whole['HCIF'] / whole['MTSHCIF']:.2f}"
-        target = TARGETS.get(size[:2])
-        said = f"{marginal:.1f}" + (
-            f" (target {target}: {'reached' if marginal >= target else 'missed'})" if target else ""
-        )
-        two = f"{staged:.2f} (target 1.1: {'reached' if staged <= 1.1 else 'missed'})"
+        said, two = f"{marginal:.1f}", f"{staged:.2f}"
+        # What was aimed at are times.
+        if not count:
+            target = TARGETS.get(size[:2])
+            said += f" (target {target}: {'reached' if marginal >= target else 'missed'})" if target else ""
+            two += f" (target 1.1: {'reached' if staged <= 1.1 else 'missed'})"
         print(f"| {', '.join(map(str, size))} | {' | '.join([*cells, said, near, two])} |", flush=True)
 
 
