@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from sigmax import InputError
 from sigmax.cli import app
 from sigmax.reports.comparison import page, standings, verdict
+from sigmax.reports.comparison.labels import lifted
 from sigmax.studies import compare, load_studies
 from sigmax.studies.load import parsed_filters
 from tests.browser import opened
@@ -191,6 +192,19 @@ def test_the_page_in_a_browser(width, compared, tmp_path):
         "histogram": "histogram/1/0/3",
     }
     assert all(right <= width for *_, right in seen["drawn"])
+
+
+def test_names_in_the_chart_do_not_cover_each_other():
+    rng = np.random.default_rng(0)
+    names = [f"SRFILTER{k}" for k in range(14)]
+    x, y = rng.uniform(1, 1.3, 14), rng.uniform(0, 0.1, 14)
+    lines = lifted(x, y, names)
+    assert min(lines) == 0
+    across, up = (x - x.min()) / np.ptp(x), (y - y.min()) / np.ptp(y) + 0.037 * np.array(lines)
+    near = (np.abs(up[:, None] - up) < 0.0369) & (np.abs(across[:, None] - across) < 0.12)
+    assert near.sum() == 14
+    assert lifted([1.0], [2.0], ["EKF"]) == [0]
+    assert lifted([], [], []) == []
 
 
 def test_several_studies_make_one_page(compared, tmp_path):

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sigmax.reports.comparison.labels import placed
 from sigmax.reports.comparison.standing import Standing
 from sigmax.reports.figures.draw import INK, MUTED, TRUTH, Figure, colour, line, pale, plain, safe
 from sigmax.reports.thin import stride
@@ -165,21 +166,32 @@ def histogram_figures(c: Comparison) -> dict[str, Figure]:
 
 def trade_figure(c: Comparison, found: Sequence[Standing]) -> Figure:
     """Cost against accuracy: down and to the left is better."""
-    data = []
-    for s in found:
-        if s.distance is None or s.cost is None or not np.isfinite(s.distance):
-            continue
+    data, names = [], []
+    for place, lines in placed(found):
+        s = place.standing
         mark = {"color": shade(c, s.name), "size": 13, "symbol": "circle" if s.sound else "x-open"}
+        names.append(
+            {
+                "text": safe(s.name),
+                "x": place.cost,
+                # On a logarithmic axis annotations stand at the logarithm.
+                "y": float(np.log10(place.distance)),
+                "xanchor": "left",
+                "ax": 8,
+                "ay": -12 - 14 * lines,
+                "arrowhead": 0,
+                "arrowwidth": 0.6,
+                "arrowcolor": MUTED if lines else "rgba(0,0,0,0)",
+                "font": {"size": 10, "color": MUTED},
+            }
+        )
         data.append(
             {
                 "type": "scatter",
-                "mode": "markers+text",
-                "text": [safe(s.name)],
-                "textposition": "top center",
-                "textfont": {"size": 10, "color": MUTED},
+                "mode": "markers",
                 "name": safe(s.name),
-                "x": plain([s.cost]),
-                "y": plain([s.distance]),
+                "x": plain([place.cost]),
+                "y": plain([place.distance]),
                 "marker": mark | {"line": {"width": 2, "color": shade(c, s.name)}},
                 "hovertemplate": f"{safe(s.name)}: %{{y:.3f}} at %{{x:.2f}} × the EKF's cost<extra></extra>",
             }
@@ -191,5 +203,6 @@ def trade_figure(c: Comparison, found: Sequence[Standing]) -> Figure:
             "height": 440,
             "xaxis": {"title": {"text": "cost of a step / EKF"}},
             "yaxis": {"title": {"text": f"error / error of {to}"}, "type": "log", "exponentformat": "none"},
+            "annotations": names,
         },
     }

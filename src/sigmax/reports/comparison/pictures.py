@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.ticker import LogFormatter
 
 from sigmax.reports.comparison.figures import label, shade, shown_unit
+from sigmax.reports.comparison.labels import placed
 from sigmax.reports.comparison.standing import Standing
 from sigmax.reports.verdict import significant
 from sigmax.studies import Comparison
@@ -118,10 +119,14 @@ def _logarithmic(ax: Any) -> None:
 
 def _trade(c: Comparison, found: Sequence[Standing]) -> Any:
     figure, ax = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    for s in found:
-        if s.distance is not None and s.cost is not None and np.isfinite(s.distance):
-            ax.plot(s.cost, s.distance, "o" if s.sound else "x", color=shade(c, s.name), markersize=8)
-            ax.annotate(s.name, (s.cost, s.distance), xytext=(6, 4), textcoords="offset points", fontsize=8)
+    for place, lines in placed(found):
+        s, at = place.standing, (place.cost, place.distance)
+        ax.plot(*at, "o" if s.sound else "x", color=shade(c, s.name), markersize=8)
+        leader = (
+            {"arrowstyle": "-", "color": "0.7", "linewidth": 0.6, "shrinkB": 4, "relpos": (0, 0)} if lines else None
+        )
+        ax.annotate(s.name, at, xytext=(6, 4 + 10 * lines), textcoords="offset points", fontsize=8, arrowprops=leader)
+    ax.margins(y=0.12)
     _logarithmic(ax)
     ax.set_xlabel("cost of a step / EKF")
     ax.set_ylabel("error / error of " + ("the optimum" if c.optimum is not None else "the best"))

@@ -193,8 +193,8 @@ def _about_the_optimum(c: Comparison) -> str:
         name for name, m in o.filters.items() if distance(m.rmse.value, o.check.rmse.value) < min(0.98, 1 / moved)
     ]
     said = (
-        f"The optimum is that of {2 * o.particles} {kind} over {o.check.runs} runs; with half as many its errors are "
-        f"{significant(moved)} times as large."
+        f"The optimum is that of {2 * o.particles} {kind} over {o.check.runs} runs; with half as many its errors "
+        + ("are the same to 0.5 %." if abs(moved - 1) < 0.005 else f"are {significant(moved)} times as large.")
     )
     if better:
         said += f" {listed(better)} did better, so there are too few of them: take no distance to it as proven."
