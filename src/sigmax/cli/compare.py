@@ -118,7 +118,8 @@ def _print(console: Console, c: Comparison) -> None:
         title_justify="left",
         title_style="bold",
     )
-    table.add_column("filter", overflow="fold")
+    # Sentences wrap before names do.
+    table.add_column("filter", overflow="fold", min_width=min(28, max(len(s.name) for s in found)))
     for head in (f"error/{to}", "cost/EKF", "lost", "overclaims"):
         table.add_column(head, justify="right", no_wrap=True)
     table.add_column("verdict")

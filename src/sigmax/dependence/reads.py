@@ -10,8 +10,9 @@ import numpy as np
 
 from sigmax.dependence.line import Call, Line, straightened
 from sigmax.native import Graph, Refused
-from sigmax.native.graph import Array, Node, Table, array_of, boxed
+from sigmax.native.graph import Array, Table, array_of, boxed
 from sigmax.native.interpret import apply_rule
+from sigmax.native.node import Node
 from sigmax.native.operations import OPERATIONS
 from sigmax.native.pieces import needed
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sigmax.native.graph import Node
+from sigmax.native.node import Node
 from sigmax.native.operations import OPERATIONS
 from sigmax.native.pieces import Dialect, Program, function, needed
 

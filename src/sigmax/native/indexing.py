@@ -7,8 +7,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from sigmax.native.graph import Array, Graph, Node, Table
+from sigmax.native.graph import Array, Graph, Table
 from sigmax.native.interpret import rule
+from sigmax.native.node import Node
 from sigmax.native.refusal import Refused
 
 # More places than these are not chosen among one by one.

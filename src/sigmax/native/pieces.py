@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from sigmax.native.graph import Graph, Node
+from sigmax.native.graph import Graph
+from sigmax.native.node import Node
 
 # Compilers take more than proportionally long over long functions.
 _LONGEST = 700

@@ -1,17 +1,16 @@
 """What an operation becomes where its arguments are known or repeat each other."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from sigmax.native.graph import Graph, Node
+from sigmax.native.node import Makes, Node
 
 
-def _is(x: "Node", value: float) -> bool:
+def _is(x: Node, value: float) -> bool:
     return x.operation == "constant" and x.arguments[0] == value
 
 
-def _add(g: "Graph", x: "Node", y: "Node") -> "Node | None":
+def _add(g: Makes, x: Node, y: Node) -> Node | None:
     if _is(x, 0):
         return y
     if _is(y, 0):
@@ -23,7 +22,7 @@ def _add(g: "Graph", x: "Node", y: "Node") -> "Node | None":
     return None
 
 
-def _subtract(g: "Graph", x: "Node", y: "Node") -> "Node | None":
+def _subtract(g: Makes, x: Node, y: Node) -> Node | None:
     if _is(y, 0):
         return x
     if _is(x, 0):
@@ -33,7 +32,7 @@ def _subtract(g: "Graph", x: "Node", y: "Node") -> "Node | None":
     return None
 
 
-def _multiply(g: "Graph", x: "Node", y: "Node") -> "Node | None":
+def _multiply(g: Makes, x: Node, y: Node) -> Node | None:
     if x.operation == "constant":
         x, y = y, x
     if y.operation == "constant":
@@ -54,7 +53,7 @@ def _multiply(g: "Graph", x: "Node", y: "Node") -> "Node | None":
     return None
 
 
-def _divide(g: "Graph", x: "Node", y: "Node") -> "Node | None":
+def _divide(g: Makes, x: Node, y: Node) -> Node | None:
     if y.operation == "constant" and y.arguments[0] != 0 and math.isfinite(1 / y.arguments[0]):
         return g.apply("*", x, g.constant(1 / y.arguments[0]))
     if _is(x, 0):
@@ -65,7 +64,7 @@ def _divide(g: "Graph", x: "Node", y: "Node") -> "Node | None":
     return None
 
 
-def _negate(g: "Graph", x: "Node") -> "Node | None":
+def _negate(g: Makes, x: Node) -> Node | None:
     if x.operation == "negative":
         return x.arguments[0]
     if x.operation == "-":
@@ -73,7 +72,7 @@ def _negate(g: "Graph", x: "Node") -> "Node | None":
     return None
 
 
-def _select(g: "Graph", p: "Node", x: "Node", y: "Node") -> "Node | None":
+def _select(g: Makes, p: Node, x: Node, y: Node) -> Node | None:
     if p.operation == "constant":
         return x if p.arguments[0] else y
     if x is y:
@@ -92,21 +91,21 @@ def _select(g: "Graph", p: "Node", x: "Node", y: "Node") -> "Node | None":
     return None
 
 
-def _and(g: "Graph", x: "Node", y: "Node") -> "Node | None":
+def _and(g: Makes, x: Node, y: Node) -> Node | None:
     for a, b in ((x, y), (y, x)):
         if a.operation == "constant":
             return b if a.arguments[0] else a
     return x if x is y else None
 
 
-def _or(g: "Graph", x: "Node", y: "Node") -> "Node | None":
+def _or(g: Makes, x: Node, y: Node) -> Node | None:
     for a, b in ((x, y), (y, x)):
         if a.operation == "constant":
             return a if a.arguments[0] else b
     return x if x is y else None
 
 
-def _not(g: "Graph", x: "Node") -> "Node | None":
+def _not(g: Makes, x: Node) -> Node | None:
     return x.arguments[0] if x.operation == "not" else None
 
 

@@ -6,7 +6,8 @@ import jax
 import numpy as np
 
 from sigmax.native import Graph, Refused
-from sigmax.native.graph import Array, Node
+from sigmax.native.graph import Array
+from sigmax.native.node import Node
 from sigmax.running.step import Belief
 
 
