@@ -77,6 +77,8 @@ def test_live_takes_another_noise_for_one_measurement(live):
         live.predict(-1.0, u=[0.0])
     with pytest.raises(sigmax.InputError, match="semidefinite"):
         live.update([0.4, 5.0], R=[-1.0, 1.0], u=[0.0])
+    with pytest.raises(sigmax.InputError, match="it is a function"):
+        live.update([0.4, 5.0], R=lambda x: jnp.ones(2), u=[0.0])
 
 
 def test_live_carries_a_batch():

@@ -159,6 +159,38 @@ def test_live_takes_what_came_at_once():
         live.update({"wset": z["west"][0]})
 
 
+def test_live_on_fused_sensors_refuses_what_it_would_not_use():
+    live = sigmax.Live("EKF", sigmax.fused(model(MIXED)), PRIOR)
+    before = live.save()
+    z = record()["west"][0]
+    for says, given in {
+        "R= cannot be given": {"z": {"west": z}, "R": [1.0, 1.0]},
+        "as a dict by name": {"z": {"west": z}, "sensor": "west"},
+        r"z\['west'\] must have the shape \(2,\) for \['left', 'right'\]; it has \(1,\)": {"z": {"west": z[:1]}},
+        r"z\['west'\] must be an array of real numbers": {"z": {"west": "far"}},
+    }.items():
+        with pytest.raises(sigmax.InputError, match=says):
+            live.update(**given)
+        with pytest.raises(sigmax.InputError, match=says):
+            live.step(dt=DT, **given)
+    assert live.save() == before
+    with pytest.raises(sigmax.InputError, match="the sensors are fused; expect one of them"):
+        live.expect()
+
+
+@pytest.mark.parametrize("messages", [False, True])
+def test_live_on_fused_sensors_answers_the_same_on_both_engines(messages):
+    """The noise of what was put together is a function of inputs: it must not be taken for numbers."""
+    z = {s: record()[s][0] for s in MIXED}
+    together = sigmax.fused(model(MIXED), messages=messages)
+    native, xla = (sigmax.Live("EKF", together, PRIOR, backend=backend) for backend in ("native", "xla"))
+    for live in (native, xla):
+        live.step(z, DT)
+        live.update(z)
+    assert np.allclose(native.mean, xla.mean, rtol=1e-12)
+    assert np.allclose(native.bias_cov, xla.bias_cov, rtol=1e-10)
+
+
 def test_a_batch_with_gaps_of_its_own_and_a_smoother():
     z = {s: np.array([record()[s], record()[s][::-1]]) for s in MIXED}
     together = sigmax.fused(model(MIXED))

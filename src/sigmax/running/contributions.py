@@ -18,7 +18,7 @@ from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused, dense_noise
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_SENSOR, noise
-from sigmax.running.fusing import additive, with_members_live
+from sigmax.running.fusing import additive
 from sigmax.running.live import Live
 from sigmax.running.step import Belief, Fault, Innovation
 
@@ -167,8 +167,7 @@ def absorb(live: Live, contributions: Iterable[Contribution], *, u: Any = None) 
             raise unknown("sensor", c.sensor, model.sensors)
     if model.fusion is None or not all(block.given for block in model.fusion):
         raise InputError("contributions of measurements need a filter on sigmax.fused(model, messages=True)")
-    together = _gathered(model, given, u)
-    return with_members_live(live.update_together(together), together)
+    return live.update_together(_gathered(model, given, u))
 
 
 def _alone(live: Live) -> Live:

@@ -9,7 +9,7 @@ import numpy as np
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.models.as_one import as_one
-from sigmax.models.checks import is_traced
+from sigmax.models.checks import is_traced, numbers
 from sigmax.models.fusion import Fused, chosen, inputs_behind, name_of, put_together
 from sigmax.models.model import Model
 from sigmax.rules import Marginal, Taylor1
@@ -48,18 +48,30 @@ class Members(NamedTuple):
         """Inputs of a prediction, with nothing where the covariances of measurements stand."""
         return None if u is None else np.concatenate([u, np.zeros((*np.shape(u)[:-1], inputs_behind(self.model)))], -1)
 
-    def together(self, z: Any, u: Any) -> Fused:
-        """Measurements by name as one.
+    def together(self, z: Any, sensor: str | None, R: Any, u: Any, tracks: tuple[int, ...]) -> Fused:
+        """Measurements (m,) or (B, m) by name as one.
 
         Raises:
-            InputError: where they are not given by name.
+            InputError: where they are not given by name, in another shape, or with a sensor or a noise beside them.
         """
-        if not isinstance(z, Mapping):
+        if not isinstance(z, Mapping) or sensor is not None:
             raise InputError(f"the sensors are fused: give what came at once as a dict by name of {list(self.model.R)}")
-        for s in z:
+        if R is not None:
+            raise InputError(
+                "the sensors are fused, each with the R of the model; R= cannot be given with a measurement"
+            )
+        heard = {}
+        for s, value in z.items():
             if s not in self.model.sensors:
                 raise unknown("sensor", s, self.model.sensors)
-        return put_together(self.model, {s: np.asarray(v, float) for s, v in z.items()}, u)
+            heard[s] = np.asarray(numbers(f"z[{s!r}]", value), float)
+            names = self.model.measurement[s] or ()
+            if heard[s].shape != (*tracks, len(names)):
+                raise InputError(
+                    f"z[{s!r}] must have the shape {(*tracks, len(names))} for {list(map(str, names))}; "
+                    f"it has {heard[s].shape}"
+                )
+        return put_together(self.model, heard, u)
 
 
 def with_members(parts: dict[str, Any], total: Any, fused: Fused) -> tuple[Any, dict[str, Any]]:

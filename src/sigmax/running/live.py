@@ -130,18 +130,20 @@ class Live:
             Residual, factor of its covariance, NIS and log-likelihood.
         """
         if self._members is not None:
-            together = self._members.together(z, u)
-            return with_members_live(self.update_together(together), together)
+            return self.update_together(self._members.together(z, sensor, R, u, self._tracks))
         name, value = self._measurement(z, sensor)
         return self._do("update", name, value, self._noise(name, R), self._inputs(u, "sensor", name))
 
     def update_together(self, together: Fused) -> Innovation:
         """Correct with what fused sensors made of their measurements."""
         name, value = self._measurement(together.z, next(iter(self.model.sensors)))
-        return self._do("update", name, value, None, self._inputs(together.u, "sensor", name))
+        told = self._do("update", name, value, None, self._inputs(together.u, "sensor", name))
+        return with_members_live(told, together)
 
     def expect(self, sensor: str | None = None, *, R: Any = None, u: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """What a sensor should measure now, (m,) or (B, m), and the covariance of the innovation: for gates."""
+        if self._members is not None:
+            raise InputError("the sensors are fused; expect one of them with a filter on the model as it was before")
         name = self._sensor(sensor)
         names = self.model.measurement[name]
         if names is None:
@@ -157,8 +159,9 @@ class Live:
     def step(self, z: Any, dt: float, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """`predict(dt)` and `update(z)` in one compiled call."""
         if self._members is not None:
+            together = self._members.together(z, sensor, R, u, self._tracks)
             self.predict(dt, u)
-            return self.update(z, u=u)
+            return self.update_together(together)
         if R is None and u is None:
             whole = self._state.whole.get(sensor)
             if whole is not None and dt >= 0:
@@ -213,9 +216,6 @@ class Live:
         else:
             self._state.fault = np.asarray(fault, np.int8).reshape(self._tracks)
 
-    def _cast(self, value: Any) -> np.ndarray:
-        return np.asarray(value, self._dtype)
-
     def _sensor(self, sensor: str | None) -> str:
         if sensor is None and self.model.several:
             raise InputError(f"say which sensor measured: update(z, sensor=…), one of {sorted(self.model.sensors)}")
@@ -243,6 +243,8 @@ class Live:
     def _noise(self, sensor: str, R: Any) -> Any:
         if R is None:
             return None
+        if callable(R):
+            raise InputError("R of one measurement must be numbers, its covariance or variances; it is a function")
         return cast(noise("R", R, self.model.measurement[sensor], OF_SENSOR), self._dtype)
 
     def _inputs(self, u: Any, what: str, sensor: str | None = None) -> Any:
@@ -255,4 +257,4 @@ class Live:
         if u is None:
             raise InputError(f"the {what} takes inputs; give u=")
         finite("u", numbers("u", u))
-        return self._cast(u)
+        return np.asarray(u, self._dtype)

@@ -62,7 +62,6 @@ class XlaState:
 
     def update(self, sensor: str, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
         """Correct."""
-        R = self.model.R[sensor] if R is None else R
         with failures_raised():
             out = self._update(self._leaves, self.belief, sensor, z.T, R, self._laid(u))
         self.belief, told, self.fault = out
@@ -70,7 +69,6 @@ class XlaState:
 
     def step(self, sensor: str, dt: float, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
         """Move on and correct."""
-        R = self.model.R[sensor] if R is None else R
         with failures_raised():
             out = self._step(self._leaves, self.belief, sensor, self._cast(dt), z.T, R, self._laid(u))
         self.belief, told, self.fault = out
@@ -94,14 +92,15 @@ def begun(filter: Filter, mean: Any, cov: Any) -> Belief:
 
 @lru_cache(maxsize=128)
 def half_steps(filter: Filter, structure: Any) -> tuple[Any, Any, Any]:
-    """The compiled half-steps and the whole step of a filter on models of one structure."""
+    """The compiled half-steps and the whole step of a filter on models of one structure; R is None or numbers."""
 
     def move(leaves: Any, belief: Belief, dt: Any, u: Any) -> tuple[Belief, Any]:
         model = jax.tree.unflatten(structure, leaves)
         return predict(filter, model, noise_roots(model), belief, dt, u)
 
     def see(leaves: Any, belief: Belief, sensor: str, z: Any, R: Any, u: Any) -> tuple[Belief, Innovation, Any]:
-        return correct(filter, jax.tree.unflatten(structure, leaves), sensor, R, belief, z, u)
+        model = jax.tree.unflatten(structure, leaves)
+        return correct(filter, model, sensor, model.R[sensor] if R is None else R, belief, z, u)
 
     def both(
         leaves: Any, belief: Belief, sensor: str, dt: Any, z: Any, R: Any, u: Any

@@ -105,8 +105,7 @@ class RowSteps:
 
         def xla() -> Corrected:
             _, see, _ = half_steps(self.filter, self._structure)
-            R = self.model.R[sensor]
-            belief, told, fault = see(self._leaves, self._belief(rows), sensor, _padded(z).T, R, self._inputs(u))
+            belief, told, fault = see(self._leaves, self._belief(rows), sensor, _padded(z).T, None, self._inputs(u))
             cut = [np.moveaxis(np.asarray(a), -1, 0)[: len(rows)] for a in told]
             return self.packing.packed(belief)[: len(rows)], Innovation(*cut), np.asarray(fault)[: len(rows)]
 
