@@ -1,5 +1,6 @@
 """Sensors corrected together: the central filter, however it is come by."""
 
+import json
 from functools import cache
 
 import jax.numpy as jnp
@@ -269,7 +270,7 @@ def test_messages_that_do_not_fit_are_refused():
     names = ("sonar", "west")
     live = sigmax.Live("TSCIF", sigmax.fused(model(names), messages=True), PRIOR)
     one = sigmax.contribution(live, record()["west"][0], "west")
-    with pytest.raises(sigmax.InputError, match="do not add up, for its sensors share"):
+    with pytest.raises(sigmax.InputError, match=r"add up in filters of information.*TSCIF is none"):
         sigmax.contribution(live, record()["west"][0], "west", space="state")
     with pytest.raises(sigmax.InputError, match="messages=True"):
         sigmax.absorb(sigmax.Live("TSCIF", model(names), PRIOR), [one])
@@ -277,10 +278,57 @@ def test_messages_that_do_not_fit_are_refused():
         sigmax.absorb(live, [one._replace(sensor="north")])
     with pytest.raises(sigmax.InputError, match="of measurements and of the state"):
         sigmax.absorb(live, [one, one._replace(space="state")])
-    for text in ("", "{}", '{"format": "another"}', one.to_json().replace('"seen"', '"sean"')):
-        with pytest.raises(sigmax.InputError, match="format"):
-            sigmax.Contribution.from_json(text)
-    with pytest.raises(sigmax.InputError, match="must be"):
-        sigmax.Contribution.from_json(one._replace(vector=np.zeros(3)).to_json())
-    with pytest.raises(sigmax.InputError, match="finite"):
-        sigmax.Contribution.from_json(one._replace(vector=np.full(2, np.nan)).to_json())
+    twice = [one, one._replace(time=1.0), sigmax.Contribution.from_json(one.to_json())]
+    with pytest.raises(sigmax.InputError, match="of 'west' is there twice"):
+        sigmax.absorb(live, twice)
+    with pytest.raises(sigmax.InputError, match=r"measures \['left', 'right'\] here, .* of \['x', 'y'\]"):
+        sigmax.absorb(live, [one._replace(components=("x", "y"))])
+    for no_list in ([one.to_json()], one, [None]):
+        with pytest.raises(sigmax.InputError, match=r"a list of sigmax\.Contribution"):
+            sigmax.absorb(live, no_list)
+
+
+FIELDS = {
+    "space": "sky",
+    "sensor": 5,
+    "components": "ab",
+    "about": [1.0, 2.0, 3.0],
+    "vector": [float("nan"), 0.0],
+    "matrix": [[1.0, 5.0], [5.0, 1.0]],
+    "square": None,
+    "volume": [1.0],
+    "seen": -2,
+    "time": "noon",
+}
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_a_message_is_refused_by_the_field_that_is_wrong(field):
+    live = sigmax.Live("EKF", model(MIXED), PRIOR)
+    message = json.loads(sigmax.contribution(live, record()["west"][0], "west", time=np.float32(2)).to_json())
+    assert sigmax.Contribution.from_json(json.dumps(message)).time == 2.0
+    with pytest.raises(sigmax.InputError, match=f"{field} of a contribution"):
+        sigmax.Contribution.from_json(json.dumps(message | {field: FIELDS[field]}))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[]", "null", '{"format": "another"}', '{"format": "sigmax contribution 1"}']
+)
+def test_what_is_no_message_is_refused(text):
+    with pytest.raises(sigmax.InputError, match="format 'sigmax contribution 1'"):
+        sigmax.Contribution.from_json(text)
+
+
+def test_a_contribution_is_refused_before_it_is_sent():
+    live = sigmax.Live("EIF", model(MIXED), PRIOR)
+    z = record()["west"][0]
+    for says, given in {
+        "has no inverse": {"z": z, "R": [0.0, 1.0]},
+        "numbers": {"z": "far"},
+        "z must be finite": {"z": [np.inf, 0.0]},
+        "unknown space": {"z": z, "space": "stat"},
+        "it is a function": {"z": z, "R": lambda x: jnp.ones(2)},
+        "time must be": {"z": z, "time": "noon"},
+    }.items():
+        with pytest.raises(sigmax.InputError, match=says):
+            sigmax.contribution(live, sensor="west", **given)

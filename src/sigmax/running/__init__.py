@@ -1,8 +1,9 @@
 """Running filters: a record or a batch in one call, live step by step, backwards, and for a fit."""
 
-from sigmax.running.contributions import Contribution, absorb, contribution
+from sigmax.running.contributions import absorb, contribution
 from sigmax.running.fit import Fit, fit
 from sigmax.running.live import Live
+from sigmax.running.message import Contribution
 from sigmax.running.result import Result, Smoothed
 from sigmax.running.run import run
 from sigmax.running.smooth import smooth

@@ -1,9 +1,8 @@
 """Stations that hold the same belief and tell each other what they measured, in messages of information."""
 
-import json
 from collections.abc import Iterable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,76 +13,15 @@ from sigmax.algebra.factor import dense, inverse_lower, solve_lower
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.forms.information import factor_of_inverse
+from sigmax.models.checks import finite, numbers
 from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused, dense_noise
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_SENSOR, noise
 from sigmax.running.fusing import additive
 from sigmax.running.live import Live
+from sigmax.running.message import Contribution
 from sigmax.running.step import Belief, Fault, Innovation
-
-FORMAT = "sigmax contribution 1"
-
-
-class Contribution(NamedTuple):
-    """What one measurement adds, (i, I): in the space of the measurement or in that of the state.
-
-    Measurement: I = R⁻¹, i = R⁻¹ (z − a). State: I = Hᵀ R⁻¹ H, i = Hᵀ R⁻¹ ν, linearised at a, state and bias
-    in the order of `components`; the paper's i is i + I a. Either adds up over stations.
-
-    Attributes:
-        space: "measurement" or "state".
-        sensor: its name.
-        components: what the rows of i are.
-        about: a, what i is counted from.
-        vector: i.
-        matrix: I; rows of what was not seen are 0.
-        square: (z − a)ᵀ R⁻¹ (z − a), and 0 for the state.
-        volume: log |R| of what was seen, and 0 for the state.
-        seen: how many components of the measurement were seen.
-        time: seconds, as the sender counts them; only carried along.
-    """
-
-    space: str
-    sensor: str
-    components: tuple[str, ...]
-    about: np.ndarray
-    vector: np.ndarray
-    matrix: np.ndarray
-    square: float
-    volume: float
-    seen: int
-    time: float | None = None
-
-    def to_json(self) -> str:
-        """The message: one JSON object, its numbers exact."""
-        plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in self._asdict().items()}
-        return json.dumps({"format": FORMAT, **plain, "components": list(map(str, self.components))})
-
-    @classmethod
-    def from_json(cls, text: str | bytes) -> "Contribution":
-        """The contribution of a message.
-
-        Raises:
-            InputError: where it is none.
-        """
-        try:
-            given = json.loads(text)
-            if given.pop("format") != FORMAT:
-                raise InputError(f"this message is not of the format {FORMAT!r}")
-            for name in ("about", "vector", "matrix"):
-                given[name] = np.asarray(given[name], float)
-            made = cls(**given | {"components": tuple(given["components"])})
-        except InputError:
-            raise
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise InputError(f"this is no message of the format {FORMAT!r}: {error}") from error
-        n = len(made.components)
-        if made.space not in ("measurement", "state") or made.vector.shape != (n,) or made.matrix.shape != (n, n):
-            raise InputError(f"i and I of a contribution to {n} components must be ({n},) and ({n}, {n})")
-        if not all(np.isfinite(a).all() for a in (made.about, made.vector, made.matrix)):
-            raise InputError("a contribution holds finite numbers only")
-        return made
 
 
 def contribution(
@@ -107,18 +45,26 @@ def contribution(
     model = _alone(live).apart
     if sensor not in model.sensors:
         raise unknown("sensor", sensor, model.sensors)
+    if space not in ("measurement", "state"):
+        raise unknown("space of contributions", space, ("measurement", "state"))
     names = model.measurement[sensor]
-    value = np.asarray(z, float)
+    value = numbers("z", z)
     if names is None or value.shape != (len(names),):
         raise InputError(f"z must have the shape ({len(names or ())},) for the named components of {sensor!r}")
+    finite("z", np.where(np.isnan(value), 0, value))
+    if callable(R):
+        raise InputError("R of one measurement must be numbers, its covariance or variances; it is a function")
     used = noise("R", R, names, OF_SENSOR) if R is not None else model.R[sensor]
-    seen = np.isfinite(value)
+    time = None if time is None else float(numbers("time", time))
+    seen = ~np.isnan(value)
     if space == "state":
         if not additive(live.filter):
             raise InputError(
-                f"contributions of {live.filter.name} to the state do not add up, for its sensors share the error of "
-                'linearisation; take space="measurement"'
+                "contributions to the state add up in filters of information where there is no Ω, as EIF and SREIF, or "
+                f'it is left out by information="paper"; {live.filter.name} is none; take space="measurement"'
             )
+        if u is None and model.sensor_driven(sensor):
+            raise InputError(f"the sensor {sensor!r} takes inputs; give u=")
         own = used if R is not None else None
         i, matrix = _to_state(live.filter, sensor)(model, live.belief, value, own, u)
         of_state = model.joint_state, np.array(live.belief.mean, float), np.array(i), np.array(matrix)
@@ -128,6 +74,8 @@ def contribution(
     m = len(value)
     both = seen[:, None] & seen[None]
     covariance = np.where(both, dense_noise(used), np.eye(m))
+    if np.linalg.eigvalsh(covariance).min(initial=1) <= 0:
+        raise InputError(f"R of {sensor!r} has no inverse; a contribution is made of R⁻¹")
     weight = np.where(both, np.linalg.inv(covariance), 0.0)
     turning = np.array(model.measured_angular(sensor, m))
     # Angles are counted from what was measured: nobody has to agree on how many circles they hold.
@@ -153,9 +101,9 @@ def absorb(live: Live, contributions: Iterable[Contribution], *, u: Any = None) 
         What they said together, as `Live.update`; None for contributions of the state.
 
     Raises:
-        InputError: where spaces are mixed or a sensor is not known.
+        InputError: where spaces are mixed, a sensor or its components are not those of the model, or one came twice.
     """
-    given, model = list(contributions), _alone(live).apart
+    given, model = _each_once(contributions), _alone(live).apart
     spaces = {c.space for c in given}
     if len(spaces) > 1:
         raise InputError("contributions of measurements and of the state do not add up to each other")
@@ -165,9 +113,28 @@ def absorb(live: Live, contributions: Iterable[Contribution], *, u: Any = None) 
     for c in given:
         if c.sensor not in model.sensors:
             raise unknown("sensor", c.sensor, model.sensors)
+        here = list(map(str, model.measurement[c.sensor] or ()))
+        if list(map(str, c.components)) != here:
+            raise InputError(
+                f"{c.sensor!r} measures {here} here, the contribution is of {list(map(str, c.components))}"
+            )
     if model.fusion is None or not all(block.given for block in model.fusion):
         raise InputError("contributions of measurements need a filter on sigmax.fused(model, messages=True)")
     return live.update_together(_gathered(model, given, u))
+
+
+def _each_once(contributions: Iterable[Contribution]) -> list[Contribution]:
+    given = list(contributions)
+    for c in given:
+        if not isinstance(c, Contribution):
+            raise InputError(
+                f"give a list of sigmax.Contribution, as from_json makes them; it holds {type(c).__name__}"
+            )
+    told = [(c.space, c.sensor, c.time, *(a.tobytes() for a in (c.about, c.vector, c.matrix))) for c in given if c.seen]
+    twice = [key[1] for k, key in enumerate(told) if key in told[:k]]
+    if twice:
+        raise InputError(f"a contribution of {twice[0]!r} is there twice; a message that comes twice counts once")
+    return given
 
 
 def _alone(live: Live) -> Live:
