@@ -179,6 +179,26 @@ def test_live_on_fused_sensors_refuses_what_it_would_not_use():
         live.expect()
 
 
+def test_fused_sensors_that_take_inputs_say_so():
+    watched = sigmax.Model(
+        motion=MOVING,
+        sensor={"buoy": lambda x, u: jnp.hypot(x[0] - u[0], x[1])[None], "sonar": distance},
+        measurement={"buoy": ("range",), "sonar": ("range",)},
+        Q=Q,
+        R={"buoy": [0.04], "sonar": [0.04]},
+    )
+    live = sigmax.Live("EKF", sigmax.fused(watched, messages=True), PRIOR)
+    one = sigmax.contribution(live, [4.0], "buoy")
+    for asked in (
+        lambda: live.update({"sonar": [4.0]}),
+        lambda: live.step({"buoy": [4.0]}, DT),
+        lambda: sigmax.absorb(live, [one]),
+    ):
+        with pytest.raises(sigmax.InputError, match=r"\['buoy'\] take inputs; give u="):
+            asked()
+    assert np.isfinite(sigmax.absorb(live, [one], u=[6.0]).nis)
+
+
 @pytest.mark.parametrize("messages", [False, True])
 def test_live_on_fused_sensors_answers_the_same_on_both_engines(messages):
     """The noise of what was put together is a function of inputs: it must not be taken for numbers."""

@@ -18,7 +18,7 @@ from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused, dense_noise
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_SENSOR, noise
-from sigmax.running.fusing import additive
+from sigmax.running.fusing import additive, check_inputs
 from sigmax.running.live import Live
 from sigmax.running.message import Contribution
 from sigmax.running.step import Belief, Fault, Innovation
@@ -120,6 +120,7 @@ def absorb(live: Live, contributions: Iterable[Contribution], *, u: Any = None) 
             )
     if model.fusion is None or not all(block.given for block in model.fusion):
         raise InputError("contributions of measurements need a filter on sigmax.fused(model, messages=True)")
+    check_inputs(model, u)
     return live.update_together(_gathered(model, given, u))
 
 

@@ -28,6 +28,17 @@ def how(filter: Filter, model: Model) -> tuple[tuple[str, str], ...]:
     return tuple(chosen(model, additive(filter)).items())
 
 
+def check_inputs(model: Model, u: Any) -> None:
+    """Refuse inputs that are missing: all fused sensors are evaluated, whichever were heard.
+
+    Raises:
+        InputError: where a sensor takes inputs and there are none.
+    """
+    driven = [s for s in model.sensors if model.sensor_driven(s)]
+    if u is None and driven:
+        raise InputError(f"the sensors are fused, and of them {driven} take inputs; give u=")
+
+
 class Members(NamedTuple):
     """The sensors of a live filter that are fused: what comes at once, as one measurement.
 
@@ -60,6 +71,7 @@ class Members(NamedTuple):
             raise InputError(
                 "the sensors are fused, each with the R of the model; R= cannot be given with a measurement"
             )
+        check_inputs(self.model, u)
         heard = {}
         for s, value in z.items():
             if s not in self.model.sensors:
