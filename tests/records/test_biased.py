@@ -188,6 +188,13 @@ def test_what_does_not_fit_is_refused(tmp_path, old, new, words):
         load(written(tmp_path, BOAT.replace(old, new, 1)))
 
 
+@pytest.mark.parametrize("name", ["time", "ok", "x_std", "current_truth"])
+def test_a_bias_is_not_called_as_another_column_of_the_estimates(tmp_path, name):
+    """It would take its place: a bias called time and there is no time any more."""
+    with pytest.raises(InputError, match=rf"bias\.{name}: another column"):
+        load(written(tmp_path, BOAT.replace("[bias.north]", f"[bias.{name}]")))
+
+
 def test_a_tracker_takes_no_bias(tmp_path):
     text = re.sub(r"\[prior\]\n.*?\n\n", "", BOAT, flags=re.S)
     text += '[tracking]\nmax_speed = "20 m/s"\n[tracking.sensors.radar]\ndetection = 0.9\nclutter = 1e-6\n'

@@ -83,6 +83,7 @@ def build(description: Description, folder: Path) -> Built:
     biased = None
     if description.bias:
         biased = read_bias(description.bias, state, moving.dimensions, sensings, hear)
+    _check_columns(state, () if biased is None else biased.bias.names)
     try:
         model = Model(
             motion=_with_part_of(moving.motion.function, slice(driven), 2, "motion.kind"),
@@ -96,6 +97,19 @@ def build(description: Description, folder: Path) -> Built:
     except InputError as error:
         raise InputError(_renamed(str(error))) from error
     return Built(model, moving.dimensions, tuple(state.index(n) for n in names), sensings, tuple(inputs), biased)
+
+
+# Columns that stand beside the estimates in what a run leaves behind, with those of their deviations and truth.
+_COLUMNS = {"filter", "track", "time", "nis", "dof", "ok", "sensor", "confirmed", "existence", "plot"}
+
+
+def _check_columns(state: tuple[str, ...], bias: tuple[str, ...]) -> None:
+    """Refuse names of which two columns of the estimates would be called the same."""
+    names = [*state, *bias]
+    taken = _COLUMNS | {f"{name}_{of}" for name in names for of in ("std", "truth")}
+    for where, name in [("state", n) for n in state] + [("bias", n) for n in bias]:
+        if name in taken:
+            raise InputError(f"{where}.{name}: another column of the estimates has this name; choose another")
 
 
 def _renamed(message: str) -> str:
