@@ -91,3 +91,17 @@ def test_no_estimator_reaches_the_printed_velocity():
     prior = sigmax.Gaussian([0.0, 10.0, 3.0, 10.0], np.eye(4))
     done = sigmax.compare(replace(study, model=sharp, prior=prior, steps=30, look=()), ["EKF"], runs=64, particles=0)
     assert done.bound[-1, [1, 3]] == pytest.approx(np.sqrt(0.5 / (2 * np.sqrt(3))), rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "option", "says"),
+    [
+        ("zhang-bearings", {"stations": 0}, "a station at least"),
+        ("bearings-repaired", {"s0": -400.0}, "above 0 m"),
+        ("radar-registration", {"biased": 4}, "can be biased"),
+        ("radar-registration", {"radars": 5}, "places for 4 radars"),
+    ],
+)
+def test_options_that_make_no_study_are_refused(name, option, says):
+    with pytest.raises(sigmax.InputError, match=says):
+        NAMED[name].make(**option)

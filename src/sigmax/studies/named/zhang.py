@@ -13,6 +13,7 @@ from sigmax.studies.study import Study
 _DEG = np.pi / 180
 _APART = 500.0  # metres between the two platforms
 _R = np.array([[0.15, 0.01], [0.01, 0.01]])
+_PLACES = ((0.0, 0.0, 0.0), (30e3, 0.0, 0.0), (0.0, 30e3, 0.0), (30e3, 30e3, 0.0))  # of the radars, in metres
 _STATE = ("x", "vx", "y", "vy")
 _UNITS = ("m", "m/s", "m", "m/s", "rad")
 
@@ -39,6 +40,8 @@ def _filters() -> dict[str, Filter]:
 
 
 def _model(density: float, R: np.ndarray, bias: Bias, count: int) -> Model:
+    if count < 1:
+        raise InputError(f"there must be a station at least; stations = {count}")
     names = tuple(f"station {k + 1}" for k in range(count))
     if count == 1:
         return Model(
@@ -97,6 +100,8 @@ def bearings(unit: str = "radians", motion: str = "ones", bias: str = "walks", s
 
 def repaired(s0: float = 400.0, stations: int = 1) -> Study:
     """The same stations with a geometry, a prior and a bias that tell filters apart."""
+    if not s0 > 0:
+        raise InputError(f"s0 is the standard deviation of the prior, above 0 m; s0 = {s0:g}")
     made = _bias(None, stations, (0.02 * _DEG) ** 2, 0.0, (2 * _DEG) ** 2)
     return Study(
         name="bearings-repaired",
@@ -119,10 +124,12 @@ def repaired(s0: float = 400.0, stations: int = 1) -> Study:
 
 def registration(biased: int = 2, radars: int = 3) -> Study:
     """Radars that do not agree: three offsets of each of the first ones (p = 3 biased) beside a state of six."""
+    if radars > len(_PLACES):
+        raise InputError(f"there are places for {len(_PLACES)} radars; radars = {radars}")
     if not 1 <= biased <= radars:
         raise InputError(f"of {radars} radars 1 to {radars} can be biased; biased = {biased}")
     straight = motions.constant_velocity(("x", "y", "z"))
-    places = [(0.0, 0.0, 0.0), (30e3, 0.0, 0.0), (0.0, 30e3, 0.0), (30e3, 30e3, 0.0)][:radars]
+    places = _PLACES[:radars]
     names = [f"radar {k + 1}" for k in range(radars)]
     p = 3 * biased
     deviation = np.array([50.0, 0.5 * _DEG, 0.5 * _DEG])
