@@ -47,12 +47,14 @@ class Bias:
             raise InputError(f"the prior of a bias must be a sigmax.Gaussian, it is {type(prior).__name__}")
         p = prior.size
         self.prior: Gaussian | None = prior
-        self.names = tuple(names) if names is not None else tuple(f"bias{i}" for i in range(p))
-        if len(set(self.names)) != p:
+        named = [f"bias{i}" for i in range(p)] if names is None else [names] if isinstance(names, str) else names
+        self.names = tuple(named)
+        if not len(self.names) == len(set(self.names)) == p or not all(isinstance(n, str) for n in self.names):
             raise InputError(
                 f"names must be {p} different names, one a component of the bias; given {list(self.names)}"
             )
-        if motion is None and sensor is None:
+        acting = list(sensor.values()) if isinstance(sensor, Mapping) else [sensor]
+        if motion is None and all(F is None for F in acting):
             raise InputError("a bias must act on something: give motion=, sensor= or both")
         self.motion = coefficients("the motion's bias B", motion, p, OF_MOTION)
         given = sensor if isinstance(sensor, Mapping) else {"": sensor}
@@ -156,7 +158,8 @@ def _check_rows(what: str, value: Any, names: Sequence[str] | None) -> None:
     if value is None or callable(value) or names is None:
         return
     if value.shape[0] != len(names):
-        raise InputError(f"{what} must have {len(names)} rows, one for each of {list(names)}; it has {value.shape[0]}")
+        named = list(map(str, names))
+        raise InputError(f"{what} must have {len(names)} rows, one for each of {named}; it has {value.shape[0]}")
 
 
 def joint(prior: Gaussian, bias: Gaussian, first: bool) -> Gaussian:
