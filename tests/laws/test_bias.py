@@ -379,12 +379,20 @@ def run_with(prior, **given):
         ({"sensor": F, "names": ("b", "c", "c")}, "2 different names"),
         ({"sensor": F, "names": (1, 2)}, "2 different names"),
         ({"sensor": F, "Q": [-1.0, 1.0]}, "bias's Q must be positive semidefinite"),
+        ({"sensor": F, "Q": lambda dt: jnp.ones(3)}, "bias's Q\\(…\\) must give a covariance of shape \\(2, 2\\)"),
+        ({"sensor": F, "Q": lambda x, dt: -jnp.ones(2)}, "bias's Q\\(…\\) at the start must be positive semidefinite"),
         ({"sensor": lambda x: jnp.ones((2, 1))}, "F must have the shape \\(2, 2\\)"),
     ],
 )
 def test_what_does_not_fit_is_refused(given, said):
     with pytest.raises(sigmax.InputError, match=said):
         run_with(sigmax.Gaussian(B0, PB0), **given)
+
+
+def test_a_function_that_fails_is_named():
+    with pytest.raises(TypeError) as failed:
+        run_with(sigmax.Gaussian(B0, PB0), sensor=lambda x: x["north"])
+    assert any("evaluating the sensor's bias F" in note for note in failed.value.__notes__)
 
 
 @pytest.mark.parametrize(("name", "fault"), [("HCKF", "PREDICTION_WIDENED"), ("MTSHCKF", "NONE")])

@@ -37,9 +37,13 @@ def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mappi
     start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0])
     first_dt = np.ravel(dt)[0]
     first_u = () if u is None else (np.reshape(u, (-1, u.shape[-1]))[0],)
-    if callable(model.Q):
-        count = takes(model.Q, "Q", OF_MOTION)
-        _check_noise("Q", model.Q, ((first_dt,) if count == 1 else (start, first_dt, *first_u)[:count]), n)
+    moving = [("Q", model.Q, n)]
+    if model.bias is not None:
+        moving.append(("the bias's Q", model.bias.Q, model.biases))
+    for label, Q, size in moving:
+        if callable(Q):
+            count = takes(Q, label, OF_MOTION)
+            _check_noise(label, Q, ((first_dt,) if count == 1 else (start, first_dt, *first_u)[:count]), size)
     for s, size in sizes.items():
         R = model.R[s]
         if callable(R):
@@ -64,7 +68,7 @@ def _check_bias(model: Model, given: tuple[Any, ...], sizes: Mapping[str, int]) 
         if callable(C):
             count = takes(C, what, allowed)
             arguments = (dt,) if allowed == OF_MOTION and count == 1 else arguments[:count]
-            shape = _evaluated_shape(C, arguments)
+            shape = _shape(what, C, arguments)
         else:
             shape = C.shape
         if shape != (rows, p):
@@ -95,14 +99,18 @@ def _evaluated_shape(function: Any, arguments: tuple[Any, ...]) -> tuple[int, ..
     return jax.eval_shape(lambda *a: jnp.asarray(function(*a)), *arguments).shape
 
 
-def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, names: Any) -> None:
+def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> tuple[int, ...]:
     try:
-        shape = _evaluated_shape(function, arguments)
+        return _evaluated_shape(function, arguments)
     except Exception as error:
         error.add_note(
             f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}"
         )
         raise
+
+
+def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, names: Any) -> None:
+    shape = _shape(what, function, arguments)
     if shape != (size,):
         raise InputError(f"{what} must return the {size} components {list(names)}, shape ({size},); it returns {shape}")
 
