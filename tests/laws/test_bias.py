@@ -359,10 +359,13 @@ def test_derivatives_go_through_a_bias():
     assert exact == pytest.approx((negative(1e-3 + step) - negative(1e-3 - step)) / (2 * step), rel=1e-4)
 
 
-def run_with(prior, **given):
+def model_with(prior, **given):
     bias = sigmax.Bias(prior=prior, **given)
-    made = sigmax.Model(motion=motion, sensor=sensor, Q=Q, R=R, state=NAMES, measurement=SEEN, bias=bias)
-    return sigmax.run("EKF", made, PRIOR, record(), dt=DT)
+    return sigmax.Model(motion=motion, sensor=sensor, Q=Q, R=R, state=NAMES, measurement=SEEN, bias=bias)
+
+
+def run_with(prior, **given):
+    return sigmax.run("EKF", model_with(prior, **given), PRIOR, record(), dt=DT)
 
 
 @pytest.mark.parametrize(
@@ -387,6 +390,14 @@ def run_with(prior, **given):
 def test_what_does_not_fit_is_refused(given, said):
     with pytest.raises(sigmax.InputError, match=said):
         run_with(sigmax.Gaussian(B0, PB0), **given)
+
+
+@pytest.mark.parametrize("backend", ["native", "xla"])
+def test_live_refuses_a_function_with_too_many_columns(backend):
+    """A record is checked before it runs; step by step it is found when the step is compiled."""
+    made = model_with(sigmax.Gaussian(B0, PB0), sensor=lambda x: jnp.ones((2, 3)))
+    with pytest.raises(sigmax.InputError, match="a column for each of the 2 components of the bias"):
+        sigmax.Live("EKF", made, PRIOR, backend=backend).update(record()[0])
 
 
 def test_a_function_that_fails_is_named():

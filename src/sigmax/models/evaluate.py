@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from sigmax.algebra.arrays import Lifted, spread, times
 from sigmax.algebra.factor import Diagonal, Matrix, block_diagonal, cholesky, safe_sqrt
+from sigmax.errors import InputError
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, takes
 from sigmax.rules.linearization import Function, Linearization, Rule
@@ -66,6 +67,11 @@ def _biased(
     if given is None:
         return g.instead(lambda X, *rest: g.function(X[own], *rest))
     C = _evaluated(given, x[own], dt, u)[0] if callable(given) else jnp.asarray(given).astype(x.dtype)
+    if C.ndim < 2 or C.shape[1] != model.biases:
+        # The product below takes matrices apart by rows and would not notice.
+        raise InputError(
+            f"B and F must have a column for each of the {model.biases} components of the bias; one has {C.shape}"
+        )
 
     def biased(X: jax.Array, *rest: jax.Array) -> jax.Array:
         return jnp.asarray(g.function(X[own], *rest[:-1])) + times(rest[-1], X[at])
