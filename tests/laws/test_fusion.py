@@ -331,6 +331,17 @@ def test_a_message_is_refused_by_the_field_that_is_wrong(field):
         sigmax.Contribution.from_json(json.dumps(message | {field: FIELDS[field]}))
 
 
+def test_a_measurement_known_very_unevenly_is_a_message_and_one_without_noise_is_none():
+    live = sigmax.Live("EKF", model(MIXED), PRIOR)
+    one = sigmax.contribution(live, record()["west"][0], "west", R=[1e-12, 1e12])
+    again = sigmax.Contribution.from_json(one.to_json())
+    assert np.array_equal(again.matrix, one.matrix)
+    nothing = sigmax.contribution(live, [np.nan, np.nan], "west")
+    assert sigmax.Contribution.from_json(nothing.to_json()).seen == 0
+    with pytest.raises(sigmax.InputError, match="must have an inverse"):
+        sigmax.Contribution.from_json(one._replace(matrix=np.ones((2, 2))).to_json())
+
+
 @pytest.mark.parametrize(
     "text", ["", "{}", "[]", "null", '{"format": "another"}', '{"format": "sigmax contribution 1"}']
 )

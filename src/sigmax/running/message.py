@@ -91,7 +91,15 @@ def _checked(given: dict[str, Any]) -> dict[str, Any]:
             )
         finite(f"{field} of a contribution", made[field])
     symmetric_semidefinite("matrix of a contribution", made["matrix"])
-    counted = np.count_nonzero(np.diagonal(made["matrix"])) if given["space"] == "measurement" else int(made["seen"])
+    counted = int(made["seen"])
+    if given["space"] == "measurement":
+        # In units of its own rows: a range and an angle may be known to 1e8 times each other's precision.
+        own = np.sqrt(np.diagonal(made["matrix"]))
+        rows = own > 0
+        counted = int(rows.sum())
+        scaled = made["matrix"][np.ix_(rows, rows)] / np.outer(own[rows], own[rows])
+        if np.linalg.matrix_rank(scaled, hermitian=True) < counted:
+            raise InputError("matrix of a contribution of a measurement is R⁻¹ and must have an inverse")
     if made["seen"] != counted or counted < 0:
         raise InputError(f"seen of a contribution must count what was measured; it is {given['seen']!r}")
     plain = {field: float(made[field]) for field in ("square", "volume", "time") if field in made}
