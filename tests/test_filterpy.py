@@ -363,7 +363,7 @@ def test_functions_are_called_with_all_points_at_once_where_they_allow_it():
             k.update(z)
     for k in made[1:]:
         same(made[0], k, "x P")
-    assert shapes == [(N,), (N, 2 * N)] * 2
+    assert shapes == [*[(N,)] * (2 * N), (N, 2 * N), (N,), (N, 2 * N)]
 
 
 def test_a_covariance_set_by_hand_is_used():
@@ -385,4 +385,80 @@ def test_what_would_have_no_effect_is_refused():
         k.update([1.0, 2.0, 3.0])
     k.P = np.diag([1.0, -1.0, 1.0])
     with pytest.raises(np.linalg.LinAlgError, match="not positive semidefinite"):
+        k.predict()
+
+
+def straight(hx, make=ours.MerweScaledSigmaPoints):
+    k = ours.UnscentedKalmanFilter(N, M, 0.5, hx, bent, make(N, 0.6, 2.0, 0.0))
+    return prepared(k)
+
+
+def test_a_function_that_mixes_the_points_is_called_for_each():
+    # The first point but one has the largest component of all: alone it gives the same.
+    calls = [lambda x: np.array([x[0] - x.max(), x[2]]), lambda x: np.array([x[0] - max(x[0], x[1], x[2]), x[2]])]
+    filters = [straight(hx) for hx in calls]
+    for z in Z:
+        for k in filters:
+            k.predict()
+            k.update(z)
+        np.testing.assert_allclose(filters[0].x, filters[1].x, rtol=1e-12)
+
+
+def test_points_drawn_by_a_class_of_the_user_are_those_it_draws():
+    class Wider(ours.MerweScaledSigmaPoints):
+        def sigma_points(self, x, P):
+            drawn.append(len(x))
+            return x + 1.1 * (super().sigma_points(x, P) - x)
+
+    drawn = []
+    wide, plain = straight(seen, Wider), straight(seen)
+    for k in (wide, plain):
+        k.predict()
+        k.update(Z[0])
+    assert drawn
+    assert np.abs(wide.P - plain.P).max() > 1e-3
+
+
+def test_functions_given_with_a_call_are_not_kept_for_ever_and_need_no_hash():
+    class Sensor:
+        __hash__ = None
+
+        def see(self, x):
+            return seen(x)
+
+        __call__ = see
+
+    sensor, k, other = Sensor(), straight(seen), straight(Sensor())
+    for z in Z:
+        for one in (k, other):
+            one.predict()
+        k.update(z, hx=lambda x: seen(x))
+        k.update(z, hx=sensor.see)
+        other.update(z)
+        other.update(z)
+    np.testing.assert_allclose(k.x, other.x, rtol=1e-12)
+    assert len(k._calls) <= 8
+    assert len(other._calls) == 2
+
+
+@pytest.mark.parametrize("hx", [lambda x: x[:2] * np.nan, lambda x: np.sqrt(x[:2] - 100.0)])
+def test_an_expected_measurement_that_is_no_number_is_not_taken_for_a_missing_one(hx):
+    k = straight(hx)
+    k.predict()
+    with np.errstate(invalid="ignore"), pytest.raises(sigmax.InputError, match="z is a number and what was expected"):
+        k.update(Z[0])
+    linear = ours.KalmanFilter(2, 1)
+    linear.H, linear.B = np.array([[1.0, 0.0]]), np.eye(2)
+    linear.predict(u=np.array([np.nan, 0.0]))
+    with pytest.raises(sigmax.InputError, match="look at x"):
+        linear.update(1.0)
+
+
+def test_what_fx_gives_must_be_a_state_and_finite():
+    k = straight(seen)
+    k.fx = lambda x, dt: x[:2]
+    with pytest.raises(sigmax.InputError, match="x has 3 components, fx gives 2"):
+        k.predict()
+    k.fx = lambda x, dt: x * np.inf
+    with np.errstate(invalid="ignore"), pytest.raises(np.linalg.LinAlgError, match="not finite"):
         k.predict()

@@ -113,6 +113,8 @@ class Base:
         if not isnan(y @ y):
             self._take(z, y, steps.correct(self._factor(), line, self._noise_factor("R", R, m), y), add)
             return
+        if not np.isnan(np.asarray(z, float)).any():
+            raise InputError("z is a number and what was expected is none: look at x, and at what hx gives there")
         seen = np.flatnonzero(~np.isnan(y))
         if not len(seen):
             self._updated(None)

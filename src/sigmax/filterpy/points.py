@@ -107,6 +107,11 @@ class SimplexSigmaPoints(_Points):
         self.Wc = self.Wm
 
 
+def plain(points: Any) -> bool:
+    """Whether points are drawn as here, from a factor: a class of the user's may draw them otherwise."""
+    return isinstance(points, _Points) and type(points).sigma_points is _Points.sigma_points
+
+
 class Cubature(_Points):
     """The 2n points of the third degree, without a centre (Arasaratnam and Haykin 2009)."""
 

@@ -1,5 +1,6 @@
 """The unscented and the cubature filter of FilterPy: points through functions, with its hooks."""
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -8,8 +9,8 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.filterpy import steps
 from sigmax.filterpy.base import Base, tuple_of
-from sigmax.filterpy.calls import Pointwise
-from sigmax.filterpy.points import Cubature
+from sigmax.filterpy.calls import Pointwise, is_same
+from sigmax.filterpy.points import Cubature, plain
 
 Hook = Callable[..., Any] | None
 
@@ -31,7 +32,8 @@ class _Sampled(Base):
         self.Wm, self.Wc = points.Wm, points.Wc
         self.sigmas_f = np.zeros((len(self.Wm), dim_x))
         self.sigmas_h = np.zeros((len(self.Wm), dim_z))
-        self._calls: dict[Any, Pointwise] = {}
+        # Functions given with a call may be others every time: no more than these are kept.
+        self._calls: deque[Pointwise] = deque(maxlen=8)
 
     def _predict(self, dt: float | None, fx: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> None:
         S = self._factor()
@@ -62,11 +64,13 @@ class _Sampled(Base):
         drawn = self._draw(x, S)
         moved = fx(drawn, dt, *arguments, **named)
         mean = _mean(self.x_mean, moved, self.Wm)
+        if mean.shape != x.shape:
+            raise InputError(f"x has {x.size} components, fx gives {mean.size}")
         return mean, self._line(S, drawn, x, _differences(self.residual_x, moved, mean))
 
     def _line(self, S: np.ndarray, drawn: np.ndarray, x: np.ndarray, deviations: np.ndarray) -> steps.Line:
         """Regression of deviations (N, m) on the points they come from, in units of S."""
-        if getattr(self.points_fn, "sqrt", True) is None:
+        if plain(self.points_fn) and self.points_fn.sqrt is None:
             xi = self.points_fn.unit.T
         else:
             known = np.diag(S) <= 0
@@ -78,14 +82,16 @@ class _Sampled(Base):
         return steps.Line(slope, missed[:, w > 0], missed[:, w < 0])
 
     def _draw(self, x: Any, S: np.ndarray) -> np.ndarray:
-        if hasattr(self.points_fn, "around"):
+        if plain(self.points_fn):
             return self.points_fn.around(x, S)
         return np.asarray(self.points_fn.sigma_points(np.ravel(x), S @ S.T), float)
 
     def _through(self, function: Any) -> Pointwise:
-        if function not in self._calls:
-            self._calls[function] = Pointwise(function)
-        return self._calls[function]
+        for known in self._calls:
+            if is_same(known.function, function):
+                return known
+        self._calls.append(Pointwise(function))
+        return self._calls[-1]
 
     def batch_filter(self, zs: Any, Rs: Any = None, dts: Any = None, saver: Any = None) -> tuple[Any, Any]:
         """Predict and update for each of zs (T, m), None where one is missing.

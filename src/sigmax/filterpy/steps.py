@@ -73,7 +73,10 @@ class Kept:
 
 def predict(line: Line, Lq: np.ndarray) -> Predicted:
     """The predicted covariance and its factor, with the factor of the noise (n, n)."""
-    why = "the predicted covariance is not positive definite; a sigma point of negative weight took too much"
+    why = (
+        "the predicted covariance is not positive definite: P, F or what fx gives is not finite, "
+        "or a sigma point of negative weight took too much"
+    )
     slope, residual, deficit = line
     step = predicting(slope.shape, residual.shape, deficit.shape, Lq.shape)
     if step is not None:
@@ -89,7 +92,10 @@ def correct(S: np.ndarray, line: Line, Lr: np.ndarray, y: np.ndarray) -> Correct
 
     [[R̃, E], [0, S]] triangularised at once to [[S_y, 0], [K S_y, S⁺]], with R̃ = tria[L_r, N] less D.
     """
-    why = "the covariance of the innovation is not positive definite; R may be zero or a weight too negative"
+    why = (
+        "the covariance of the innovation is not positive definite: R may be zero, a weight too negative, "
+        "or what the sensor gives not finite"
+    )
     slope, residual, deficit = line
     step = correcting(S.shape, slope.shape, residual.shape, deficit.shape, Lr.shape, y.shape)
     if step is not None:
