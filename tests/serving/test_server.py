@@ -225,3 +225,43 @@ def test_wrong_ends_are_told_before_anything_begins(tmp_path):
             assert run.wait(WAIT) == 2
             assert b"cannot listen" in run.stderr.read()
     assert os.listdir(tmp_path) == ["radar.toml"]
+
+
+def test_it_ends_quietly_and_at_once_when_senders_are_connected(tmp_path):
+    with process(tmp_path, "--from", "tcp:0", "--to", "tcp:0") as run:
+        source, sink = addresses(run)
+        (connection, file), (other, _) = reader(source), reader(sink)
+        file.write(b'{"t": 0, "n_km":')
+        file.flush()
+        file.readline()
+        run.send_signal(signal.SIGTERM)
+        assert run.wait(WAIT) == 0
+        told = run.stderr.read().decode()
+        connection.close()
+        other.close()
+    assert "Traceback" not in told
+
+
+def test_it_ends_when_the_work_fails_and_lines_wait(tmp_path):
+    """Nobody takes the lines of standard input any more: their end is not waited for."""
+    code = """
+import asyncio, sys, time
+from pathlib import Path
+from sigmax.serving import Feed, Service, serve
+from sigmax.serving.ends import End
+from sigmax.serving.server import Limits
+
+class Failing(Service):
+    def accept(self, lines):
+        time.sleep(1.0)
+        raise OSError("no space")
+
+asyncio.run(serve(Failing(Feed(Path(sys.argv[1]))), End("pipe"), End("pipe"), Limits(), print))
+"""
+    for count in (100, 128):
+        given = b"".join(line + b"\n" for line in lines(count // 4))
+        run = subprocess.run(
+            [sys.executable, "-c", code, str(written(tmp_path))], input=given, capture_output=True, timeout=WAIT
+        )
+        assert run.returncode == 1
+        assert b"no space" in run.stderr

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 
 import numpy as np
 import pytest
@@ -145,6 +146,50 @@ def test_a_torn_end_of_the_journal_is_dropped(feed, tmp_path):
     third.close()
     with pytest.raises(InputError, match="another description"):
         Checkpoint(tmp_path, "other")
+
+
+def kept(folder, feed):
+    """A checkpoint with lines in its journal."""
+    checkpoint = Checkpoint(folder, feed.digest)
+    tracked(Service(feed, checkpoint), lines(3))
+    checkpoint.close()
+    (journal,), (state,) = folder.glob("journal-*"), folder.glob("state-*")
+    return journal, state
+
+
+def test_a_damaged_journal_is_told_from_a_torn_one_and_kept(feed, tmp_path):
+    journal, _ = kept(tmp_path, feed)
+    damaged = bytearray(journal.read_bytes())
+    damaged[damaged.index(b"\n") + 20] ^= 1
+    journal.write_bytes(damaged)
+    again = Checkpoint(tmp_path, feed.digest)
+    assert (len(again.lines), again.beyond) == (1, len(lines(3)) - 2)
+    again.close()
+    assert [path.read_bytes() for path in tmp_path.glob("damaged-*")] == [damaged]
+
+
+@pytest.mark.parametrize("harm", ["gone", "cut", "empty", "folder"])
+def test_a_state_that_is_damaged_is_refused_and_nothing_is_removed(feed, tmp_path, harm):
+    journal, state = kept(tmp_path, feed)
+    before = state.read_bytes()
+    state.unlink()
+    if harm == "folder":
+        state.mkdir()
+    elif harm != "gone":
+        state.write_bytes(before[: len(before) // 2] if harm == "cut" else b"")
+    with pytest.raises(InputError, match=re.escape(str(tmp_path))):
+        Checkpoint(tmp_path, feed.digest)
+    assert journal.stat().st_size > 0
+
+
+def test_a_full_disk_is_an_error_for_people(feed, tmp_path):
+    checkpoint = Checkpoint(tmp_path, feed.digest)
+    service = Service(feed, checkpoint)
+    checkpoint._journal.close()
+    checkpoint._journal = open("/dev/full", "wb", buffering=0)  # noqa: SIM115  closed with the checkpoint
+    with pytest.raises(InputError, match=r"cannot be written: .*space"):
+        service.accept([Line(lines(1)[0], True)])
+    checkpoint.close()
 
 
 def test_memory_stays_bounded(feed):

@@ -29,7 +29,12 @@ def serve_plots(
     turn = max((p for p in feed.periods.values() if p is not None), default=0.0)
     limits = checked_limits(max_line, max(1.0, 1.5 * turn) if quiet is None else quiet)
     kept = None if checkpoint is None else Checkpoint(checkpoint, feed.digest)
-    if kept is not None and kept.torn:
+    if kept is not None and kept.beyond:
+        _tell(
+            f"the journal is damaged: what follows the damage, {kept.torn} bytes with {kept.beyond} whole lines, is "
+            f"not used; the journal as it was is kept in {checkpoint} as damaged-…"
+        )
+    elif kept is not None and kept.torn:
         _tell(f"the journal ended within a line that was never acknowledged; its {kept.torn} bytes are dropped")
     service = Service(feed, kept, tentative=tentative)
     if kept is not None and service.counts["taken"]:

@@ -3,8 +3,9 @@
 import contextlib
 import fcntl
 import os
+import shutil
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -13,6 +14,7 @@ from sigmax.serving.tree import dumped, loaded
 
 # A longer journal gives way to a new state.
 JOURNAL = 16 << 20
+_ANEW = "give another folder, or remove it to begin anew"
 
 
 class Checkpoint:
@@ -28,10 +30,11 @@ class Checkpoint:
     Attributes:
         state: the last state, None where there is none.
         lines: the lines of the journal since.
-        torn: bytes at the end of the journal that were not whole, and so never acknowledged.
+        torn: bytes at the end of the journal that could not be used.
+        beyond: whole lines among them: the journal was damaged, not only cut; it is kept as `damaged-K`.
 
     Raises:
-        InputError: where another service holds the folder, or it belongs to another description.
+        InputError: where another service holds the folder, it belongs to another description, or cannot be used.
     """
 
     def __init__(self, folder: Path, digest: str) -> None:
@@ -48,16 +51,20 @@ class Checkpoint:
             raise InputError(f"the checkpoint {folder} is in use by another service") from error
         try:
             self._count, self.state = self._last()
-            self.lines, whole, size = _read(self._path("journal"))
-        except InputError:
+            self.lines, whole, size, self.beyond = _read(self._path("journal"))
+            self.torn = size - whole
+            if self.beyond:
+                shutil.copyfile(self._path("journal"), self._path("damaged"))
+            if self.torn:
+                os.truncate(self._path("journal"), whole)
+            self._journal: BinaryIO = self._path("journal").open("ab")
+            self._length = whole
+            self._clear()
+        except (InputError, OSError) as error:
             self._lock.close()
+            if isinstance(error, OSError):
+                raise InputError(f"the checkpoint {folder} cannot be used: {error}") from error
             raise
-        self.torn = size - whole
-        if self.torn:
-            os.truncate(self._path("journal"), whole)
-        self._journal: BinaryIO = self._path("journal").open("ab")
-        self._length = whole
-        self._clear()
 
     @property
     def full(self) -> bool:
@@ -65,26 +72,45 @@ class Checkpoint:
         return self._length > JOURNAL
 
     def append(self, lines: Iterable[bytes]) -> None:
-        """Write lines, without ends of line in them, so that they outlast a crash of the machine."""
+        """Write lines, without ends of line in them, so that they outlast a crash of the machine.
+
+        Raises:
+            InputError: where the disk does not take them.
+        """
         data = b"".join(b"%08x %s\n" % (zlib.crc32(line), line) for line in lines)
         if data:
-            self._journal.write(data)
-            self._journal.flush()
-            os.fdatasync(self._journal.fileno())
+            with self._writing():
+                self._journal.write(data)
+                self._journal.flush()
+                os.fdatasync(self._journal.fileno())
             self._length += len(data)
 
     def keep(self, state: Any) -> None:
-        """Write the state that all lines so far have led to; the journal begins anew."""
-        self._write(state)
-        self._journal.close()
-        self._journal = self._path("journal").open("wb")
-        self._length = 0
-        self._clear()
+        """Write the state that all lines so far have led to; the journal begins anew.
+
+        Raises:
+            InputError: where the disk does not take it.
+        """
+        with self._writing():
+            self._write(state)
+            self._journal.close()
+            self._journal = self._path("journal").open("wb")
+            self._length = 0
+            self._clear()
 
     def close(self) -> None:
         """Let the folder go."""
         self._journal.close()
         self._lock.close()
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise InputError(
+                f"the checkpoint {self._folder} cannot be written: {error}; nothing acknowledged is lost"
+            ) from error
 
     def _path(self, kind: str) -> Path:
         return self._folder / f"{kind}-{self._count}"
@@ -118,30 +144,29 @@ class Checkpoint:
                 counts.append(int(path.name.removeprefix("state-")))
         self._count = max(counts, default=0)
         if not counts:
-            if self._path("journal").exists():
-                raise InputError(f"{self._folder} has a journal without the state it began with; it cannot be used")
+            if any(self._folder.glob("journal-*")):
+                raise InputError(f"{self._folder} has a journal without the state it began with; {_ANEW}")
             self._write(None)
             return self._count, None
-        digest, state = loaded(self._path("state").read_bytes())
+        try:
+            digest, state = loaded(self._path("state").read_bytes())
+        except InputError as error:
+            raise InputError(f"{self._path('state')} is damaged: {error}; {_ANEW}") from error
         if digest != self._digest:
             raise InputError(
-                f"the checkpoint {self._folder} was made with another description, filter or version of sigmax; "
-                "give another folder, or remove it to begin anew"
+                f"the checkpoint {self._folder} was made with another description, filter or version of sigmax; {_ANEW}"
             )
         return self._count, state
 
 
-def _read(path: Path) -> tuple[list[bytes], int, int]:
-    """The whole lines of a journal, the bytes they take, and its size."""
+def _read(path: Path) -> tuple[list[bytes], int, int, int]:
+    """The whole lines of a journal, the bytes they take, its size, and how many whole lines follow a damaged one."""
     if not path.exists():
-        return [], 0, 0
+        return [], 0, 0, 0
     data = path.read_bytes()
-    lines, whole = [], 0
     # What follows the last end of line is no line.
-    for raw in data.split(b"\n")[:-1]:
-        line = raw[9:]
-        if raw[:9] != b"%08x " % zlib.crc32(line):
-            break
-        lines.append(line)
-        whole += len(raw) + 1
-    return lines, whole, len(data)
+    found = data.split(b"\n")[:-1]
+    sound = [raw[:9] == b"%08x " % zlib.crc32(raw[9:]) for raw in found]
+    first = sound.index(False) if False in sound else len(found)
+    whole = sum(len(raw) + 1 for raw in found[:first])
+    return [raw[9:] for raw in found[:first]], whole, len(data), sum(sound[first:])

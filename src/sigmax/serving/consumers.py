@@ -98,7 +98,8 @@ class Consumers:
 
         box = self._add(write, greet=True)
         delivering = self._boxes[box]
-        with contextlib.suppress(ConnectionError):
+        # At the end of the service asyncio would print the cancellation as if it were a fault.
+        with contextlib.suppress(OSError, asyncio.CancelledError):
             # A consumer sends nothing; the end of its side is its end.
             while await reader.read(1 << 12):
                 pass

@@ -105,7 +105,8 @@ async def from_tcp(queue: asyncio.Queue[Any], limit: int, end: End, service: Ser
             while chunk := await reader.read(1 << 16):
                 for line in splitter.feed(chunk):
                     await queue.put((connection, line))
-        except ConnectionError:
+        except (OSError, asyncio.CancelledError):
+            # The line broke, or the service ends: asyncio would print either as if it were a fault.
             pass
         finally:
             connections -= 1

@@ -76,16 +76,26 @@ async def serve(service: Service, source: End, sink: End, limits: Limits, told: 
         finally:
             taking.cancel()
             asked.cancel()
-        if not work.done():
-            if source.kind == "pipe" and not stop.is_set():
-                await taking
-                await queue.put((Sender(), FLUSH))
-            await queue.put((Sender(), _END))
+        ending = asyncio.create_task(_end(queue, taking if source.kind == "pipe" and not stop.is_set() else None))
+        # Where the work has failed nobody makes room in the queue.
+        await asyncio.wait([ending, work], return_when=asyncio.FIRST_COMPLETED)
+        if work.done():
+            ending.cancel()
+        else:
+            await ending
         await work
         service.keep()
 
 
 _END = Line(b"", True)
+
+
+async def _end(queue: asyncio.Queue[tuple[Sender, Line]], taken: asyncio.Task[None] | None) -> None:
+    """The last lines: after all that were taken the open scans are complete."""
+    if taken is not None:
+        await taken
+        await queue.put((Sender(), FLUSH))
+    await queue.put((Sender(), _END))
 
 
 async def _work(
