@@ -1,6 +1,7 @@
 """The service without sockets: what lines mean, what is kept, what is bounded."""
 
 import asyncio
+import contextlib
 import json
 import re
 
@@ -166,6 +167,15 @@ def test_a_damaged_journal_is_told_from_a_torn_one_and_kept(feed, tmp_path):
     assert (len(again.lines), again.beyond) == (1, len(lines(3)) - 2)
     again.close()
     assert [path.read_bytes() for path in tmp_path.glob("damaged-*")] == [damaged]
+
+
+def test_any_damage_of_a_saved_value_is_told_the_same_way():
+    whole, rng = dumped(("x", np.arange(5.0), {"a": [1, None]})), np.random.default_rng(0)
+    for k in range(len(whole)):
+        damaged = bytearray(whole)
+        damaged[k] ^= int(rng.integers(1, 256))
+        with contextlib.suppress(InputError):
+            loaded(bytes(damaged))
 
 
 @pytest.mark.parametrize("harm", ["gone", "cut", "empty", "folder"])

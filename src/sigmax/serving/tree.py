@@ -13,6 +13,11 @@ from sigmax.errors import InputError
 
 # Only classes of ours are looked up by name.
 _OURS = "sigmax."
+# What reading damaged bytes may end in; a flipped bit can look like a password or a newer format.
+_DAMAGED = (
+    OSError, ValueError, LookupError, EOFError, AttributeError, ImportError, TypeError, RuntimeError,
+    zipfile.BadZipFile,
+)  # fmt: skip
 
 
 def dumped(value: Any) -> bytes:
@@ -38,9 +43,7 @@ def loaded(data: bytes) -> Any:
         with np.load(io.BytesIO(data), allow_pickle=False) as stored:
             arrays = [stored[f"arr_{i}"] for i in range(len(stored.files) - 1)]
             return _decoded(json.loads(stored["tree"].tobytes()), arrays)
-    except (OSError, ValueError, KeyError, IndexError, EOFError, AttributeError, ImportError, TypeError) as error:
-        raise InputError(f"these {len(data)} bytes are no saved value: {error}") from error
-    except zipfile.BadZipFile as error:
+    except _DAMAGED as error:
         raise InputError(f"these {len(data)} bytes are no saved value: {error}") from error
 
 
