@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from sigmax.conformance import LAWS, Adapter, check, own
+from sigmax.errors import InputError
 from sigmax.filters import names
 
 ROOT = Path(__file__).parent.parent
@@ -93,6 +94,54 @@ def test_an_exception_and_a_number_that_is_none_are_broken_laws():
     assert "no such filter" in outcome.note
     (outcome,) = check(faulty(jitter=np.nan), ["linear"])
     assert not outcome.kept
+
+
+@pytest.mark.parametrize(
+    ("mean", "cov"),
+    [
+        (lambda m: m[:1], None),
+        (lambda m: m[0], None),
+        (None, np.diag),
+        (None, lambda c: c[None]),
+        (None, lambda c: c[:1]),
+    ],
+    ids=["one component", "a number", "variances", "a batch", "a row"],
+)
+def test_a_wrong_shape_is_a_broken_law_and_said(mean, cov):
+    """Most of these would broadcast to some answer."""
+
+    class Shaped(Extended):
+        def __getattribute__(self, name):
+            value = super().__getattribute__(name)
+            turned = {"mean": mean, "cov": cov}.get(name)
+            return value if turned is None or not super().__getattribute__("shown") else turned(value)
+
+        shown = False
+
+        def update(self, z):
+            self.shown = False
+            super().update(z)
+            self.shown = True
+
+        def predict(self):
+            self.shown = False
+            super().predict()
+            self.shown = True
+
+    for outcome in check(
+        Adapter("shaped", Shaped, degree=3), ["linear", "stiff R", "rotation", "moments 3", HONEST[0]]
+    ):
+        assert not outcome.kept
+        assert "must have the shapes" in outcome.note
+
+
+def test_a_law_or_an_offer_that_is_not_known_is_refused():
+    with pytest.raises(InputError, match="unknown law 'liner'; did you mean linear"):
+        check(faulty(), ["liner"])
+    with pytest.raises(InputError, match="unknown offer 'angle'; did you mean angles"):
+        Adapter("none", Extended, offers=frozenset({"angle"}))
+    assert [o.law.name for o in check(faulty(), "linear")] == ["linear"]
+    assert Adapter("one", Extended, offers=["angles"]).offers == {"angles"}
 
 
 def test_a_law_that_does_not_apply_is_neither_kept_nor_broken():

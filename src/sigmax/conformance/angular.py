@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.conformance.task import Adapter, Task, wrapped
+from sigmax.conformance.task import Adapter, Task, estimate, wrapped
 
 # With 2.7 the estimate comes to 3, its points to both sides of π.
 _TURNS = (1.0, 2.7, np.pi, -2.8, 25.0)
@@ -26,7 +26,7 @@ def _run(adapter: Adapter, task: Task, mean: np.ndarray, cov: np.ndarray, record
     for z in record:
         running.predict()
         running.update(z)
-        found.append((np.ravel(np.asarray(running.mean, float)), np.array(running.cov, float)))
+        found.append(estimate(running, len(mean)))
     return found
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from sigmax.conformance.laws import LAWS, Law
 from sigmax.conformance.task import Adapter
+from sigmax.errors import unknown
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,16 @@ class Outcome:
 
 
 def check(adapter: Adapter, laws: Iterable[str] | None = None) -> list[Outcome]:
-    """Run laws, all of them unless named, against an implementation; a few seconds to a minute."""
-    return [_one(adapter, LAWS[name]) for name in (LAWS if laws is None else laws)]
+    """Run laws, all of them unless named, against an implementation; a few seconds to a minute.
+
+    Raises:
+        InputError: for a law that there is not.
+    """
+    chosen = list(LAWS if laws is None else [laws] if isinstance(laws, str) else laws)
+    for name in chosen:
+        if name not in LAWS:
+            raise unknown("law", name, LAWS)
+    return [_one(adapter, LAWS[name]) for name in chosen]
 
 
 def _one(adapter: Adapter, law: Law) -> Outcome:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sigmax.conformance.task import Adapter, Task
+from sigmax.conformance.task import Adapter, Task, estimate
 
 _RUNS, _STEPS = 40, 20
 
@@ -96,8 +96,8 @@ def _off_balance(problem: Callable[[], _Problem], adapter: Adapter) -> float:
             z = task.h(x) + Lr @ rng.standard_normal(m)
             running.predict()
             running.update(z)
-            error = np.ravel(np.asarray(running.mean, float)) - x
-            w = np.linalg.solve(np.linalg.cholesky(np.asarray(running.cov, float)), error)
+            mean, spread = estimate(running, n)
+            w = np.linalg.solve(np.linalg.cholesky(spread), mean - x)
             total += np.outer(w, w)
     sizes = np.linalg.eigvalsh(total / (_RUNS * _STEPS))
     return float(max(sizes[-1], 1 / sizes[0])) if sizes[0] > 0 else float("inf")

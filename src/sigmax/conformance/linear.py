@@ -3,7 +3,7 @@
 import numpy as np
 
 from sigmax.conformance.exact import kalman, whitened
-from sigmax.conformance.task import Adapter, Task
+from sigmax.conformance.task import Adapter, Task, estimate
 
 _N, _M, _T = 3, 2, 6
 
@@ -34,7 +34,7 @@ class _Linear:
             running.predict()
             for z in measurements:
                 running.update(z)
-            found = np.ravel(np.asarray(running.mean, float)), np.asarray(running.cov, float)
+            found = estimate(running, _N)
             if not all(np.isfinite(a).all() for a in found):
                 return float("nan")
             lopsided = np.abs(found[1] - found[1].T).max() / np.abs(found[1]).max()
@@ -71,7 +71,7 @@ def stiff(adapter: Adapter) -> float:
     for z in p.z:
         running.predict()
         running.update(z)
-        if not (np.linalg.eigvalsh(np.asarray(running.cov, float)) > 0).all():
+        if not (np.linalg.eigvalsh(estimate(running, _N)[1]) > 0).all():
             return float("inf")
     return p.gap(adapter, _each(p.z))
 

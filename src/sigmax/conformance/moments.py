@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.conformance.task import Adapter, Task
+from sigmax.conformance.task import Adapter, Task, estimate
 
 _MEAN = np.array([0.7, -0.4])
 _COV = np.array([[0.5, 0.2], [0.2, 0.3]])
@@ -24,7 +24,7 @@ def _expected(g: Callable[[Any, Any], Any]) -> tuple[np.ndarray, np.ndarray]:
 def _predicted(adapter: Adapter, g: Callable[[Any, Any], Any]) -> tuple[np.ndarray, np.ndarray]:
     running = adapter.start(Task(g, lambda x, xp: x[:1], 1e-12 * np.eye(2), np.eye(1)), _MEAN, _COV)
     running.predict()
-    return np.ravel(np.asarray(running.mean, float)), np.asarray(running.cov, float)
+    return estimate(running, len(_MEAN))
 
 
 def cubic(adapter: Adapter) -> float:

@@ -1,11 +1,15 @@
 """What an implementation is told, and what it has to offer."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
+
+from sigmax.errors import InputError, unknown
+
+OFFERS = frozenset({"angles", "missing", "partly missing", "second update"})
 
 
 # A task is itself and no other: adapters may keep what they compile for it.
@@ -87,6 +91,20 @@ class Running(Protocol):
         """Correct with z (m,); all NaN, or where that is offered some NaN, is missing."""
 
 
+def estimate(running: Running, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (n,) and covariance (n, n) of a filter under way; a mean may be a column.
+
+    Raises:
+        InputError: for other shapes, which might be broadcast to an answer.
+    """
+    mean, cov = np.array(running.mean, float), np.array(running.cov, float)
+    if mean.shape not in ((n,), (n, 1)) or cov.shape != (n, n):
+        raise InputError(
+            f"mean and cov must have the shapes {(n,)} and {(n, n)}; they have {mean.shape} and {cov.shape}"
+        )
+    return mean.ravel(), cov
+
+
 @dataclass(frozen=True)
 class Adapter:
     """An implementation to be tested.
@@ -98,10 +116,19 @@ class Adapter:
         offers: what beyond the plain filter it has: "angles", "missing", "partly missing",
             and "second update", a correction that follows another without a prediction between.
         version: of the library.
+
+    Raises:
+        InputError: for an offer that no law asks for.
     """
 
     name: str
     start: Callable[[Task, np.ndarray, np.ndarray], Running]
     degree: int = 3
-    offers: frozenset[str] = field(default=frozenset({"angles", "missing", "partly missing", "second update"}))
+    offers: frozenset[str] = OFFERS
     version: str = ""
+
+    def __post_init__(self) -> None:
+        offers = frozenset([self.offers] if isinstance(self.offers, str) else self.offers)
+        for name in offers - OFFERS:
+            raise unknown("offer", name, OFFERS)
+        object.__setattr__(self, "offers", offers)
