@@ -1,6 +1,7 @@
 """Components for Stone Soup: the numbers of its own filters, its associators on ours, its models in ours."""
 
 import copy
+import pickle
 from datetime import datetime, timedelta
 
 import numpy as np
@@ -102,6 +103,34 @@ def test_sensors_are_theirs(model):
 def test_an_unknown_model_says_how_to_add_it():
     with pytest.raises(InputError, match=r"motion_of\.register"):
         motion_of(Singer(1.0, 0.5))
+
+
+def test_what_does_not_fit_a_model_is_told():
+    later, place = START + timedelta(seconds=1), LinearGaussian(4, (0, 2), np.eye(2))
+    state = GaussianState(np.zeros((3, 1)), np.eye(3), timestamp=START)
+    with pytest.raises(InputError, match="the state has 3 components, the model 4"):
+        SigmaxPredictor(CV).predict(state, timestamp=later)
+    known = GaussianState(np.zeros((4, 1)), np.eye(4), timestamp=START)
+    short = Detection([[1.0]], timestamp=START, measurement_model=place)
+    with pytest.raises(InputError, match="the detection has 1 components, the measurement model 2"):
+        SigmaxUpdater(place).update(SingleHypothesis(known, short))
+    with pytest.raises(InputError, match="negative variance"):
+        SigmaxPredictor(CV).predict(GaussianState(np.zeros((4, 1)), -np.eye(4), timestamp=START), timestamp=later)
+    with pytest.raises(InputError, match="state names 1"):
+        model_of(CV, place, state=["a"])
+    with pytest.raises(InputError, match="a measurement model 5"):
+        model_of(CV, LinearGaussian(5, (0, 2), np.eye(2)))
+
+
+@pytest.mark.parametrize("name", ["EKF", "SRECKFB"])
+def test_components_and_states_are_pickled(name):
+    predictor = SigmaxPredictor(CV, filter=name)
+    state = GaussianState(np.ones((4, 1)), np.eye(4), timestamp=START)
+    made = [predictor.predict(state, timestamp=START + timedelta(seconds=k)) for k in (1, 2)]
+    kept, other = pickle.loads(pickle.dumps((made[0], SigmaxPredictor(CV, filter=name))))
+    again = other.predict(kept, timestamp=START + timedelta(seconds=2))
+    np.testing.assert_allclose(again.covar[0, 0], predictor.predict(made[0], timestamp=again.timestamp).covar[0, 0])
+    np.testing.assert_allclose(np.ravel(again.state_vector), np.ravel(made[1].state_vector), rtol=1e-12)
 
 
 def unscented(n=4):

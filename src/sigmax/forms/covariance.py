@@ -36,4 +36,9 @@ def _correct(S: jax.Array, P: jax.Array, line: Linearization, Lr: Matrix, nu: ja
     return Corrected(shift, factor, corrected, whitened, Sy, innovation_sound & sound)
 
 
-covariance = Form("covariance", lambda S: outer(S, S), _predict, _correct)
+def _start(S: jax.Array) -> jax.Array:
+    return outer(S, S)
+
+
+# Functions with names, so that a filter can be pickled.
+covariance = Form("covariance", _start, _predict, _correct)

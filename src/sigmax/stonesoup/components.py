@@ -111,6 +111,8 @@ class SigmaxUpdater(Updater):  # type: ignore[misc]
             hypothesis.measurement_prediction = self.predict_measurement(prediction, model)
         steps, seen = _steps(self.filter, model)
         z = np.asarray(detection.state_vector).astype(float).reshape(1, -1)
+        if z.size != len(seen.R):
+            raise InputError(f"the detection has {z.size} components, the measurement model {len(seen.R)}")
         rows, _, fault = steps.correct(_rows(steps, prediction), "", z, seen.u)
         if fault[0]:
             raise FloatingPointError(f"the correction of {self.filter} at {detection.timestamp} is not sound")
@@ -169,8 +171,13 @@ def _rows(steps: RowSteps, state: Any) -> np.ndarray:
         return kept[3]
     mean = np.asarray(state.state_vector).astype(float).reshape(1, -1)
     cov = np.asarray(state.covar, float)[None]
+    n = steps.packing.n
+    if mean.shape != (1, n) or cov.shape != (1, n, n):
+        raise InputError(f"the state has {mean.size} components, the model {n}")
     if not np.isfinite(mean).all() or not np.isfinite(cov).all():
         raise InputError("a state must be finite")
+    if (cov.diagonal(axis1=1, axis2=2) < 0).any():
+        raise InputError("the covariance of a state has a negative variance")
     return _remembered(steps, state, steps.start(mean, cov))
 
 

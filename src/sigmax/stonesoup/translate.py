@@ -75,12 +75,17 @@ def model_of(transition: Any, measurement: Any, state: Sequence[str] | None = No
         state: names of the components.
 
     Raises:
-        InputError: for a class that has no translation yet.
+        InputError: for a class that has no translation yet, and where the components differ in number.
     """
     moved = motion_of(transition)
     several = isinstance(measurement, Mapping)
     seen = {s: sensor_of(m) for s, m in (measurement if several else {"": measurement}).items()}
     hear = {s: _standing(one) for s, one in seen.items()}
+    for one in seen.values():
+        if one.size != moved.size:
+            raise InputError(f"the transition model has {moved.size} components, a measurement model {one.size}")
+    if state is not None and len(state) != moved.size:
+        raise InputError(f"the transition model has {moved.size} components, state names {len(state)}")
     names = {s: tuple(_name(k, a) for k, a in enumerate(one.angles)) for s, one in seen.items()}
     noises = {s: one.R for s, one in seen.items()}
     return Model(
