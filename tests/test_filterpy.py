@@ -462,3 +462,18 @@ def test_what_fx_gives_must_be_a_state_and_finite():
     k.fx = lambda x, dt: x * np.inf
     with np.errstate(invalid="ignore"), pytest.raises(np.linalg.LinAlgError, match="not finite"):
         k.predict()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("x", np.zeros(3), "x has 3 components, F the shape"),
+        ("F", np.eye(3), r"F the shape \(3, 3\)"),
+        ("H", np.eye(1, 3), "x has 2 components, H 3 columns"),
+    ],
+)
+def test_a_wrong_shape_is_told_where_it_is_used(name, value, said):
+    k = ours.KalmanFilter(2, 1)
+    setattr(k, name, value)
+    with pytest.raises(sigmax.InputError, match=said):
+        k.batch_filter([1.0])

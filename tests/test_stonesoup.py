@@ -127,7 +127,7 @@ def test_components_and_states_are_pickled(name):
     predictor = SigmaxPredictor(CV, filter=name)
     state = GaussianState(np.ones((4, 1)), np.eye(4), timestamp=START)
     made = [predictor.predict(state, timestamp=START + timedelta(seconds=k)) for k in (1, 2)]
-    kept, other = pickle.loads(pickle.dumps((made[0], SigmaxPredictor(CV, filter=name))))
+    kept, other = pickle.loads(pickle.dumps((made[0], predictor)))
     again = other.predict(kept, timestamp=START + timedelta(seconds=2))
     np.testing.assert_allclose(again.covar[0, 0], predictor.predict(made[0], timestamp=again.timestamp).covar[0, 0])
     np.testing.assert_allclose(np.ravel(again.state_vector), np.ravel(made[1].state_vector), rtol=1e-12)

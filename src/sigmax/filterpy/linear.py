@@ -200,21 +200,27 @@ class KalmanFilter(Base):
                 raise InputError(f"{name} must have the shape {shapes[0]}; it has {np.shape(value)}")
 
     def _ahead(self, F: Any, u: Any, B: Any) -> np.ndarray:
-        moved = np.asarray(F, float) @ np.ravel(self.x)
+        F, x = np.asarray(F, float), np.ravel(self.x)
+        if F.shape != (self.dim_x, self.dim_x) or len(x) != self.dim_x:
+            raise InputError(f"dim_x is {self.dim_x}; x has {len(x)} components, F the shape {F.shape}")
+        moved = F @ x
         return moved if B is None or u is None else moved + np.ravel(np.dot(B, u))
 
     def _moved(self, u: Any, B: Any, F: Any, Q: Any) -> tuple[np.ndarray, Predicted]:
         F = np.asarray(self.F if F is None else F, float)
+        ahead = self._ahead(F, u, self.B if B is None else B)
         noise = self._noise_factor("Q", self.Q if Q is None else Q, self.dim_x)
         slope = F @ self._factor()
         made = steps.predict(steps.straight(slope if self._fading == 1 else self._fading * slope), noise)
-        return self._ahead(F, u, self.B if B is None else B), made
+        return ahead, made
 
     def _off(self, z: Any, H: Any) -> tuple[np.ndarray, np.ndarray]:
         """What z (m,) is off the expected, and H."""
         H = np.asarray(self.H if H is None else H, float)
         H = H if H.ndim == 2 else np.atleast_2d(H)
-        measured = np.asarray(z, float).ravel()
+        measured, x = np.asarray(z, float).ravel(), np.ravel(self.x)
+        if H.shape[1] != len(x):
+            raise InputError(f"x has {len(x)} components, H {H.shape[1]} columns")
         if len(measured) != len(H):
             raise InputError(f"z has {len(measured)} components, H has {len(H)} rows")
-        return measured - H @ np.ravel(self.x), H
+        return measured - H @ x, H

@@ -47,6 +47,10 @@ class SigmaxPredictor(Predictor):  # type: ignore[misc]
         inner = isinstance(prior, StateMutableSequence) and not isinstance(prior, State)
         return _predicted(self, prior.state if inner else prior, timestamp)
 
+    def __getstate__(self) -> dict[str, Any]:
+        # What is compiled is made anew where it is needed.
+        return {**self.__dict__, "_made": None}
+
     @property
     def steps(self) -> RowSteps:
         """The compiled steps of the transition model as it is now."""
