@@ -265,3 +265,17 @@ asyncio.run(serve(Failing(Feed(Path(sys.argv[1]))), End("pipe"), End("pipe"), Li
         )
         assert run.returncode == 1
         assert b"no space" in run.stderr
+
+
+def test_sigterm_ends_it_though_nobody_reads_the_pipe(tmp_path):
+    with process(tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as run:
+        addresses(run)
+        os.set_blocking(run.stdin.fileno(), False)
+        given, sent, until = b"".join(line + b"\n" for line in lines(5000)), 0, time.monotonic() + 4.0
+        while time.monotonic() < until and sent < len(given):
+            with contextlib.suppress(BlockingIOError):
+                sent += os.write(run.stdin.fileno(), given[sent : sent + 4096])
+            time.sleep(0.001)
+        run.send_signal(signal.SIGTERM)
+        assert run.wait(30) == 0
+        assert b"Traceback" not in run.stderr.read()

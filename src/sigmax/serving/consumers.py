@@ -52,6 +52,12 @@ class Consumers:
             if self._lossless:
                 await box.space()
 
+    def hurry(self) -> None:
+        """From now on wait for no consumer."""
+        self._lossless = False
+        for box in self._boxes:
+            box.release()
+
     async def close(self, grace: float) -> None:
         """End, leaving consumers some seconds to read what waits for them."""
         if self._server is not None:

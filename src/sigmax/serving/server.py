@@ -48,15 +48,21 @@ async def serve(service: Service, source: End, sink: End, limits: Limits, told: 
     """
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
+    consumers = Consumers(service, lossless=source.kind == sink.kind == "pipe", told=told)
+
+    def halt() -> None:
+        stop.set()
+        # A reader that does not read must not keep the service from ending.
+        consumers.hurry()
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stop.set)
+        loop.add_signal_handler(number, halt)
     queue: asyncio.Queue[tuple[Sender, Line]] = asyncio.Queue(_WAITING)
     async with contextlib.AsyncExitStack() as stack:
         clients = {}
         for end in {e[1:3]: e for e in (source, sink) if e.kind == "nats"}.values():
             clients[end[1:3]] = await connect(end, told)
             stack.push_async_callback(clients[end[1:3]].close)
-        consumers = Consumers(service, lossless=source.kind == sink.kind == "pipe", told=told)
         stack.push_async_callback(consumers.close, _GRACE)
         at = await consumers.open(sink, clients.get(sink[1:3]))
         work = asyncio.create_task(_work(service, queue, consumers, limits.quiet, told))
