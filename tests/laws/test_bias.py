@@ -394,9 +394,9 @@ def test_what_does_not_fit_is_refused(given, said):
 
 @pytest.mark.parametrize("backend", ["native", "xla"])
 def test_live_refuses_a_function_with_too_many_columns(backend):
-    """A record is checked before it runs; step by step it is found when the step is compiled."""
+    """Found when the filter is made."""
     made = model_with(sigmax.Gaussian(B0, PB0), sensor=lambda x: jnp.ones((2, 3)))
-    with pytest.raises(sigmax.InputError, match="a column for each of the 2 components of the bias"):
+    with pytest.raises(sigmax.InputError, match=r"the sensor's bias F must have the shape \(2, 2\); it has \(2, 3\)"):
         sigmax.Live("EKF", made, PRIOR, backend=backend).update(record()[0])
 
 

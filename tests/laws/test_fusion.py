@@ -266,7 +266,9 @@ def test_stations_answer_what_the_central_filter_answers():
                 assert np.allclose(told.log_likelihood, whole.step_log_likelihood[k], rtol=1e-7)
 
 
-@pytest.mark.parametrize(("filter", "options"), [("SREIF", {}), ("TSCIF", {"information": "paper"})])
+@pytest.mark.parametrize(
+    ("filter", "options"), [("SREIF", {}), ("EKF", {}), ("TSEKF", {}), ("TSCIF", {"information": "paper"})]
+)
 def test_contributions_to_the_state_add_up(filter, options):
     """Where there is no Ω, or it is left out, a receiver need not know the sensors: (i, I) is enough."""
     names = ("sonar", "west")
@@ -290,7 +292,7 @@ def test_messages_that_do_not_fit_are_refused():
     names = ("sonar", "west")
     live = sigmax.Live("TSCIF", sigmax.fused(model(names), messages=True), PRIOR)
     one = sigmax.contribution(live, record()["west"][0], "west")
-    with pytest.raises(sigmax.InputError, match=r"add up in filters of information.*TSCIF is none"):
+    with pytest.raises(sigmax.InputError, match=r"add up where there is no Ω.*TSCIF counts it"):
         sigmax.contribution(live, record()["west"][0], "west", space="state")
     with pytest.raises(sigmax.InputError, match="messages=True"):
         sigmax.absorb(sigmax.Live("TSCIF", model(names), PRIOR), [one])

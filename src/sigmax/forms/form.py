@@ -50,6 +50,7 @@ class Form:
         start: S -> what the form carries beside S, `()` where that is nothing.
         predict: (linearisation, factor of Q) -> Predicted.
         correct: (S, carried, linearisation, factor of R, innovation ν) -> Corrected.
+        omega: whether a correction counts Ω, what the straight line of the sensor misses.
         bias_first: whether S is the factor of [b; x], the bias of a model before its state, rather than of [x; b].
         biased: p -> the form for a model with p biases, None for a form that need not know.
     """
@@ -58,6 +59,7 @@ class Form:
     start: Callable[[jax.Array], Any] = field(repr=False)
     predict: Callable[[Linearization, Matrix], Predicted] = field(repr=False)
     correct: Callable[[jax.Array, Any, Linearization, Matrix, jax.Array], Corrected] = field(repr=False)
+    omega: bool = True
     bias_first: bool = False
     biased: "Callable[[int], Form] | None" = field(default=None, repr=False)
 

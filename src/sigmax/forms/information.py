@@ -51,5 +51,5 @@ def _paper(S: jax.Array, Y: jax.Array, line: Linearization, Lr: Matrix, nu: jax.
 
 information = {
     "exact": Form("information", _invert, _predict, _exact),
-    "paper": Form("information, as printed", _invert, _predict, _paper),
+    "paper": Form("information, as printed", _invert, _predict, _paper, omega=False),
 }

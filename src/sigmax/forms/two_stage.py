@@ -132,7 +132,7 @@ def _staged(name: str, update: Update, alone: Form, biases: int) -> Form:
         factor = jnp.concatenate([upper, lower])
         return Corrected(shift, factor, (), done.whitened, done.innovation_factor, done.sound)
 
-    return Form(name, _nothing, _predict, correct, bias_first=True)
+    return Form(name, _nothing, _predict, correct, omega=alone.omega, bias_first=True)
 
 
 def _nothing(S: jax.Array) -> tuple[()]:
@@ -143,7 +143,7 @@ def _form(name: str, update: Update, alone: Form) -> Form:
     def on(biases: int) -> Form:
         return _staged(name, update, alone, biases)
 
-    return Form(name, alone.start, alone.predict, alone.correct, bias_first=True, biased=on)
+    return Form(name, alone.start, alone.predict, alone.correct, omega=alone.omega, bias_first=True, biased=on)
 
 
 two_stage = {

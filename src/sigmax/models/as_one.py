@@ -10,9 +10,9 @@ import numpy as np
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.models.bias import Bias
-from sigmax.models.fusion import Block, dense_noise, inputs_behind, name_of
+from sigmax.models.fusion import Block, inputs_behind, name_of
 from sigmax.models.model import Model
-from sigmax.models.noise import OF_MOTION, OF_SENSOR, takes
+from sigmax.models.noise import OF_MOTION, OF_SENSOR, by_value, dense_noise, takes
 
 
 def as_one(model: Model) -> Model:
@@ -79,13 +79,9 @@ def _noise(model: Model, blocks: tuple[Block, ...], extra: int) -> Any:
             return Diagonal(np.concatenate([R.entries for R in own]))
         return np.asarray(jax.scipy.linalg.block_diag(*map(dense_noise, own)))
     sizes = tuple(len(b.angular) for b in blocks)
-    numbers = tuple(None if b.given or callable(R) else _key(R) for b, R in zip(blocks, own, strict=True))
+    numbers = tuple(None if b.given or callable(R) else by_value(R) for b, R in zip(blocks, own, strict=True))
     functions = tuple(R if callable(R) and not b.given else None for b, R in zip(blocks, own, strict=True))
     return _noise_function(sizes, numbers, functions, extra)
-
-
-def _key(R: Any) -> tuple[tuple[float, ...], ...]:
-    return tuple(map(tuple, np.asarray(dense_noise(R)).tolist()))
 
 
 @lru_cache(maxsize=256)
@@ -119,8 +115,7 @@ def _bias(model: Model, bias: Bias, name: str, heads: list[str], extra: int) -> 
     moved = _fronted(B, 2, extra) if callable(B) and takes(B, "B", OF_MOTION) == 3 else B
     stacked: Any
     if any(map(callable, Fs)):
-        key = tuple(F if callable(F) else None if F is None else tuple(map(tuple, np.asarray(F).tolist())) for F in Fs)
-        stacked = _bias_function(key, tuple(sizes), bias.size, extra)
+        stacked = _bias_function(tuple(map(by_value, Fs)), tuple(sizes), bias.size, extra)
     else:
         stacked = np.concatenate([np.zeros((m, bias.size)) if F is None else F for F, m in zip(Fs, sizes, strict=True)])
     made.__dict__.update(bias.__dict__, motion=moved, Q=_noise_of_motion(bias.Q, extra), sensor={name: stacked})

@@ -11,6 +11,7 @@ from sigmax.algebra.factor import Diagonal, cholesky, inverse_lower
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced
 from sigmax.models.model import Model
+from sigmax.models.noise import dense_noise
 
 
 class Block(NamedTuple):
@@ -180,8 +181,3 @@ def _inverse(M: Any, array: Any) -> tuple[Any, Any]:
     root = inverse_lower(L)
     volume = 2 * sum(jnp.log(L[i, i]) for i in range(len(L)))
     return jnp.moveaxis(inner(root, root), (0, 1), (-2, -1)), volume
-
-
-def dense_noise(R: Any) -> Any:
-    """A noise in numbers as a matrix."""
-    return np.diag(R.entries) if isinstance(R, Diagonal) else R

@@ -34,6 +34,18 @@ def takes(function: Callable[..., Any], what: str, allowed: tuple[int, ...]) -> 
     return fitting[0] if required < len(positional) else fitting[-1]
 
 
+def by_value(given: Any) -> Any:
+    """Numbers as the rows of a matrix, so that equal ones give the same function; functions and None as they are."""
+    if given is None or callable(given):
+        return given
+    return tuple(map(tuple, np.asarray(dense_noise(given)).tolist()))
+
+
+def dense_noise(R: Any) -> Any:
+    """A noise in numbers as a matrix."""
+    return np.diag(R.entries) if isinstance(R, Diagonal) else R
+
+
 def noise(label: str, given: Any, components: Sequence[str] | None, allowed: tuple[int, ...]) -> Noise:
     """A noise as a function of so many arguments as are `allowed`, a diagonal or a matrix.
 

@@ -11,7 +11,7 @@ from sigmax.algebra.factor import Diagonal
 from sigmax.models.bias import joint
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.models.noise import OF_MOTION, OF_SENSOR, takes
+from sigmax.models.noise import OF_MOTION, OF_SENSOR, by_value, takes
 
 
 def whole(model: Model) -> Model:
@@ -23,11 +23,11 @@ def whole(model: Model) -> Model:
     if bias is None:
         return model
     n = model.size
-    sensors = {s: _sensor(h, model.sensor_inputs[s], n, _fixed(bias.sensor.get(s))) for s, h in model.sensors.items()}
+    sensors = {s: _sensor(h, model.sensor_inputs[s], n, by_value(bias.sensor.get(s))) for s, h in model.sensors.items()}
     made = object.__new__(Model)
     made.__dict__.update(
         model.__dict__,
-        motion=_motion(model.motion, model.motion_inputs, n, _fixed(bias.motion)),
+        motion=_motion(model.motion, model.motion_inputs, n, by_value(bias.motion)),
         motion_inputs=model.motion_driven,
         sensors=sensors,
         sensor_inputs={s: model.sensor_driven(s) for s in model.sensors},
@@ -44,11 +44,6 @@ def whole(model: Model) -> Model:
 def with_bias(model: Model, prior: Gaussian) -> tuple[Model, Gaussian]:
     """The `whole` model, and the prior of state and bias together; both as they are where there is no bias."""
     return (model, prior) if model.bias is None else (whole(model), joint(prior, model.bias.starting(), False))
-
-
-def _fixed(C: Any) -> Any:
-    """Numbers by their values, so that equal ones give the same function."""
-    return C if C is None or callable(C) else tuple(map(tuple, np.asarray(C).tolist()))
 
 
 def _added(C: Any, b: jax.Array) -> Any:
@@ -96,30 +91,15 @@ def _noise(Q: Any, Qb: Any, n: int) -> Any:
     """The noise of both: numbers, or a function of the interval alone where it can be one."""
     if isinstance(Q, Diagonal) and isinstance(Qb, Diagonal):
         return Diagonal(np.concatenate([Q.entries, Qb.entries]))
-    parts = tuple(part if callable(part) else _Numbers(part) for part in (Q, Qb))
-    return _noise_function(parts, n)
-
-
-class _Numbers:
-    """A noise in numbers by its values, so that equal ones give the same function."""
-
-    def __init__(self, noise: Any) -> None:
-        M = np.diag(noise.entries) if isinstance(noise, Diagonal) else np.asarray(noise)
-        self.rows = tuple(map(tuple, M.tolist()))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Numbers) and self.rows == other.rows
-
-    def __hash__(self) -> int:
-        return hash(self.rows)
+    return _noise_function((by_value(Q), by_value(Qb)), n)
 
 
 @lru_cache(maxsize=64)
 def _noise_function(parts: tuple[Any, Any], n: int) -> Any:
     def one(part: Any, given: tuple[Any, ...]) -> Any:
         x, dt, *u = given
-        if isinstance(part, _Numbers):
-            return jnp.asarray(part.rows) * dt
+        if not callable(part):
+            return jnp.asarray(part) * dt
         count = takes(part, "Q", OF_MOTION)
         value = jnp.asarray(part(dt) if count == 1 else part(*(x, dt, *u)[:count]))
         return jnp.diag(value) if value.ndim == 1 else value
@@ -127,7 +107,7 @@ def _noise_function(parts: tuple[Any, Any], n: int) -> Any:
     def Q(X: Any, dt: Any, *u: Any) -> Any:
         return jax.scipy.linalg.block_diag(*(one(part, (X if X is None else X[:n], dt, *u)) for part in parts))
 
-    most = max(1 if isinstance(part, _Numbers) else takes(part, "Q", OF_MOTION) for part in parts)
+    most = max(takes(part, "Q", OF_MOTION) if callable(part) else 1 for part in parts)
     if most == 1:
         return lambda dt: Q(None, dt)
     return (lambda X, dt: Q(X, dt)) if most == 2 else (lambda X, dt, u: Q(X, dt, u))

@@ -1,5 +1,6 @@
 """What cannot be lowered, with the line of the model it came from."""
 
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,16 @@ class Refused(Exception):
 
 def line_of(equation: Any) -> str:
     """The innermost line outside the libraries that an equation came from, or nothing."""
-    traceback = getattr(equation.source_info, "traceback", None)
-    for frame in getattr(traceback, "frames", ()):
+    found = getattr(equation.source_info, "traceback", None)
+    for frame in getattr(found, "frames", ()):
         if not frame.file_name.startswith(_INSIDE):
             return f"{Path(frame.file_name).name}, line {frame.line_num}, in {frame.function_name}"
+    return ""
+
+
+def user_line(error: BaseException) -> str:
+    """The innermost line outside the libraries that an exception passed, or nothing."""
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        if not frame.filename.startswith(_INSIDE):
+            return f"{Path(frame.filename).name}, line {frame.lineno}, in {frame.name}"
     return ""

@@ -15,9 +15,9 @@ from sigmax.filters import Filter
 from sigmax.forms.information import factor_of_inverse
 from sigmax.models.checks import finite, numbers
 from sigmax.models.evaluate import sensing, sensor_noise
-from sigmax.models.fusion import Fused, dense_noise
+from sigmax.models.fusion import Fused
 from sigmax.models.model import Model
-from sigmax.models.noise import OF_SENSOR, noise
+from sigmax.models.noise import OF_SENSOR, dense_noise, noise
 from sigmax.running.fusing import additive, check_inputs
 from sigmax.running.live import Live
 from sigmax.running.message import Contribution
@@ -60,8 +60,8 @@ def contribution(
     if space == "state":
         if not additive(live.filter):
             raise InputError(
-                "contributions to the state add up in filters of information where there is no Ω, as EIF and SREIF, or "
-                f'it is left out by information="paper"; {live.filter.name} is none; take space="measurement"'
+                "contributions to the state add up where there is no Ω, as in EKF and EIF, or it is left out by "
+                f'information="paper"; {live.filter.name} counts it; take space="measurement"'
             )
         if u is None and model.sensor_driven(sensor):
             raise InputError(f"the sensor {sensor!r} takes inputs; give u=")

@@ -13,19 +13,30 @@ from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, takes
+from sigmax.native.refusal import user_line
+from sigmax.running.bounds import check_indices
 
 
 def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mapping[str, int]) -> None:
     """Evaluate shapes, and the numbers of Q and R at the start where they are functions.
 
+    Args:
+        model: the model as the user has it.
+        prior: of its state.
+        dt: seconds, of which the first count.
+        u: inputs, of which the first count; without them what takes inputs is left out.
+        sizes: how many components were measured, by sensor; others are left out.
+
     Raises:
-        InputError: where a function of the model gives a shape that does not fit.
+        InputError: where a function of the model gives a shape that does not fit, or reads beyond what it is given.
     """
     n = model.size
     x = jax.ShapeDtypeStruct((n,), jnp.float64)
     second = jax.ShapeDtypeStruct((), jnp.float64)
     given = () if u is None else (jax.ShapeDtypeStruct((u.shape[-1],), jnp.float64),)
-    _shape_of("motion", model.motion, (x, second, *given)[: 3 if model.motion_inputs else 2], n, model.state)
+    if given or not model.motion_driven:
+        _shape_of("motion", model.motion, (x, second, *given)[: 3 if model.motion_inputs else 2], n, model.state)
+    sizes = {s: size for s, size in sizes.items() if given or not model.sensor_driven(s)}
     for s, size in sizes.items():
         names = model.measurement[s] or [f"column {i}" for i in range(size)]
         arguments = (x, *given)[: 2 if model.sensor_inputs[s] else 1]
@@ -36,12 +47,12 @@ def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mappi
         return
     start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0])
     first_dt = np.ravel(dt)[0]
-    first_u = () if u is None else (np.reshape(u, (-1, u.shape[-1]))[0],)
+    first_u = () if u is None else (np.asarray(u)[(0,) * (u.ndim - 1)],)
     moving = [("Q", model.Q, n)]
     if model.bias is not None:
         moving.append(("the bias's Q", model.bias.Q, model.biases))
     for label, Q, size in moving:
-        if callable(Q):
+        if callable(Q) and (given or not model.motion_driven):
             count = takes(Q, label, OF_MOTION)
             _check_noise(label, Q, ((first_dt,) if count == 1 else (start, first_dt, *first_u)[:count]), size)
     for s, size in sizes.items():
@@ -63,7 +74,7 @@ def _check_bias(model: Model, given: tuple[Any, ...], sizes: Mapping[str, int]) 
         label = f"the bias F of the sensor {s!r}" if s else "the sensor's bias F"
         wanted += [(label, F, (x, *given), sizes[s], OF_SENSOR)] if s in sizes else []
     for what, C, arguments, rows, allowed in wanted:
-        if C is None:
+        if C is None or (not given and callable(C) and takes(C, what, allowed) == allowed[-1]):
             continue
         if callable(C):
             count = takes(C, what, allowed)
@@ -83,6 +94,7 @@ def _check_noise(label: str, function: Any, arguments: tuple[np.ndarray, ...], s
 def _check_noise_at(label: str, function: Any, at: tuple[tuple[tuple[int, ...], bytes], ...], size: int) -> None:
     """Made once for the same arguments: evaluating a function outside a compilation takes milliseconds."""
     arguments = [jnp.asarray(np.frombuffer(content).reshape(shape)) for shape, content in at]
+    _shape(label, function, tuple(jax.ShapeDtypeStruct(a.shape, a.dtype) for a in arguments))
     value = numbers(f"{label}(…)", function(*arguments))
     if is_traced(value):
         return
@@ -96,12 +108,24 @@ def _check_noise_at(label: str, function: Any, at: tuple[tuple[tuple[int, ...], 
 @functools.lru_cache(maxsize=512)
 def _evaluated_shape(function: Any, arguments: tuple[Any, ...]) -> tuple[int, ...]:
     """The shape a function gives; found once, because tracing costs more than a short run."""
-    return jax.eval_shape(lambda *a: jnp.asarray(function(*a)), *arguments).shape
+    traced, made = jax.make_jaxpr(lambda *a: jnp.asarray(function(*a)), return_shape=True)(*arguments)
+    check_indices(traced)
+    shape: tuple[int, ...] = made.shape
+    return shape
 
 
 def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> tuple[int, ...]:
     try:
         return _evaluated_shape(function, arguments)
+    except IndexError as error:
+        shapes = [a.shape for a in arguments]
+        raise InputError(f"{what}, given arrays of the shapes {shapes}: {error}") from error
+    except (jax.errors.JAXTypeError, jax.errors.ConcretizationTypeError) as error:
+        where = user_line(error)
+        raise InputError(
+            f"{what} needs its numbers to be known while it is compiled{f' ({where})' if where else ''}: write it with "
+            "jax.numpy, jnp.where in the place of if, without float(); or hand it over as sigmax.opaque(…)"
+        ) from error
     except Exception as error:
         error.add_note(
             f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}"
@@ -116,7 +140,7 @@ def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, n
 
 
 def check_linear(model: Model, prior: Gaussian, dt: Any, u: Any) -> None:
-    """Refuse a model whose derivative is not the same everywhere."""
+    """Refuse a model whose derivative is not the same everywhere, its bias included."""
     if is_traced((prior, dt, u)):
         return
     n = model.size
@@ -129,6 +153,12 @@ def check_linear(model: Model, prior: Gaussian, dt: Any, u: Any) -> None:
     }
     for s, h in model.sensors.items():
         functions[f"sensor {s!r}" if s else "sensor"] = functools.partial(_drop, h, given[: model.sensor_inputs[s]])
+    if model.bias is not None:
+        B, F = model.bias.motion, model.bias.sensor
+        bent = [f"F of the sensor {s!r}" if s else "F" for s, C in F.items() if callable(C)]
+        bent += ["B"] if callable(B) and takes(B, "B", OF_MOTION) > 1 else []
+        if bent:
+            raise InputError(f"KF is for linear models, and {bent[0]} of the bias depends on the state; take EKF")
     for what, g in functions.items():
         a, b = (np.asarray(jax.jacfwd(g)(jnp.asarray(p))) for p in points)
         if not np.allclose(a, b, rtol=1e-9, atol=1e-12 * np.abs(a).max(initial=1)):

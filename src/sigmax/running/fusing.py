@@ -19,8 +19,7 @@ from sigmax.running.step import LOG_2PI, Innovation
 def additive(filter: Filter) -> bool:
     """Whether the contributions of sensors to the information add up: there is no Ω, or it is left out of W."""
     rule = filter.correct.rule if isinstance(filter.correct, Marginal) else filter.correct
-    form = filter.form.name
-    return form.endswith("as printed") or ("information" in form and isinstance(rule, Taylor1))
+    return not filter.form.omega or isinstance(rule, Taylor1)
 
 
 def how(filter: Filter, model: Model) -> tuple[tuple[str, str], ...]:

@@ -4,18 +4,17 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.errors import InputError, unknown
+from sigmax.errors import InputError
 from sigmax.filters import Filter
-from sigmax.models.checks import finite, numbers
 from sigmax.models.fusion import Fused
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.models.noise import OF_SENSOR, noise
 from sigmax.native import Refused, Unavailable
 from sigmax.running.backend import attempt, native_failed
 from sigmax.running.covariances import covariances
 from sigmax.running.edge import as_filter, cast, joined, run_type, seconds_of, starting_cov, typed
 from sigmax.running.fusing import Members, with_members_live
+from sigmax.running.given import Given
 from sigmax.running.live_lanes import LaneState
 from sigmax.running.live_xla import XlaState
 from sigmax.running.saved import restored, saved
@@ -48,6 +47,7 @@ class Live:
         dtype: Any = "float64",
         backend: str | None = None,
     ) -> None:
+        asked = model, prior
         self.filter, model, prior = joined(as_filter(filter), model, prior)
         self.apart = model  # its sensors, where they are fused
         self._members, model = Members.of(model)
@@ -55,16 +55,13 @@ class Live:
         self._batched = prior.mean.ndim == 2
         self._tracks = (len(prior.mean),) if self._batched else ()
         self._backend = backend
-        # Of the only sensor, where its components are named: what most measurements look like.
-        named = model.measurement.get("")
-        self._shape = None if named is None else (*self._tracks, len(named))
-        self._driven = model.motion_driven or any(map(model.sensor_driven, model.sensors))
         self.model = cast(model, self._dtype)
+        self._given = Given(self.model, self._dtype, prior.mean.shape[:-1], *asked)
         mean = typed(prior.mean, self._dtype)
         cov = starting_cov(self.filter, prior, self._dtype)
-        given = self.filter, self.model, mean, cov
+        parts = self.filter, self.model, mean, cov
         self._state: LaneState | XlaState = attempt(
-            backend, False, lambda: LaneState(*given), lambda: XlaState.of_prior(*given)
+            backend, False, lambda: LaneState(*parts), lambda: XlaState.of_prior(*parts)
         )
 
     @property
@@ -84,6 +81,11 @@ class Live:
         return self._state.read_cov()[..., self.model.offsets, self.model.offsets]
 
     @property
+    def bias_std(self) -> np.ndarray:
+        """Its standard deviations (p,) or (B, p)."""
+        return self._deviations(self.model.offsets)
+
+    @property
     def cov(self) -> np.ndarray:
         """Its covariance (n, n) or (B, n, n)."""
         cov = self._state.read_cov()
@@ -92,8 +94,7 @@ class Live:
     @property
     def std(self) -> np.ndarray:
         """Its standard deviations (n,) or (B, n)."""
-        S = self._state.factor[..., self.model.own, :]
-        return np.sqrt((S * S).sum(-1))
+        return self._deviations(self.model.own)
 
     @property
     def belief(self) -> Belief:
@@ -115,7 +116,7 @@ class Live:
     def predict(self, dt: float, u: Any = None) -> None:
         """Move the state dt seconds on, with inputs u (k,) where the motion takes them."""
         u = u if self._members is None else self._members.inputs(u)
-        self._do("predict", seconds_of(dt), self._inputs(u, "motion"))
+        self._do("predict", seconds_of(dt), self._given.inputs(u, "motion"))
 
     def update(self, z: Any, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """Correct with a measurement z (m,) or (B, m), NaN where a component is missing.
@@ -131,20 +132,20 @@ class Live:
         """
         if self._members is not None:
             return self.update_together(self._members.together(z, sensor, R, u, self._tracks))
-        name, value = self._measurement(z, sensor)
-        return self._do("update", name, value, self._noise(name, R), self._inputs(u, "sensor", name))
+        name, value = self._given.measurement(z, sensor)
+        return self._do("update", name, value, self._given.noise(name, R), self._given.inputs(u, "sensor", name))
 
     def update_together(self, together: Fused) -> Innovation:
         """Correct with what fused sensors made of their measurements."""
-        name, value = self._measurement(together.z, next(iter(self.model.sensors)))
-        told = self._do("update", name, value, None, self._inputs(together.u, "sensor", name))
+        name, value = self._given.measurement(together.z, next(iter(self.model.sensors)))
+        told = self._do("update", name, value, None, self._given.inputs(together.u, "sensor", name))
         return with_members_live(told, together)
 
     def expect(self, sensor: str | None = None, *, R: Any = None, u: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """What a sensor should measure now, (m,) or (B, m), and the covariance of the innovation: for gates."""
         if self._members is not None:
             raise InputError("the sensors are fused; expect one of them with a filter on the model as it was before")
-        name = self._sensor(sensor)
+        name = self._given.sensor(sensor)
         names = self.model.measurement[name]
         if names is None:
             raise InputError(
@@ -152,7 +153,7 @@ class Live:
             )
         nothing = np.zeros((*self._tracks, len(names)), self._dtype)
         before, fault = self._state.belief, np.array(self._state.fault)
-        told = self._do("update", name, nothing, self._noise(name, R), self._inputs(u, "sensor", name))
+        told = self._do("update", name, nothing, self._given.noise(name, R), self._given.inputs(u, "sensor", name))
         self.put(before, fault)
         return -np.asarray(told.residual), covariances(np.asarray(told.factor))
 
@@ -168,9 +169,9 @@ class Live:
                 told = whole(dt, None, z)
                 if told is not NotImplemented:
                     return told
-        name, value = self._measurement(z, sensor)
-        used = None if R is None else self._noise(name, R)
-        given = self._inputs(u, "motion", name) if self._driven else None
+        name, value = self._given.measurement(z, sensor)
+        used = None if R is None else self._given.noise(name, R)
+        given = self._given.inputs(u, "motion", name)
         seconds = seconds_of(dt)
         try:
             return self._state.step(name, seconds, value, used, given)
@@ -189,6 +190,10 @@ class Live:
             InputError: where the bytes are no such state.
         """
         self.put(*restored(bytes, self.belief))
+
+    def _deviations(self, rows: slice) -> np.ndarray:
+        S = self._state.factor[..., rows, :]
+        return np.sqrt((S * S).sum(-1))
 
     def _do(self, what: str, *arguments: Any) -> Any:
         try:
@@ -215,46 +220,3 @@ class Live:
             self._state.fault[...] = fault
         else:
             self._state.fault = np.asarray(fault, np.int8).reshape(self._tracks)
-
-    def _sensor(self, sensor: str | None) -> str:
-        if sensor is None and self.model.several:
-            raise InputError(f"say which sensor measured: update(z, sensor=…), one of {sorted(self.model.sensors)}")
-        if sensor is not None and sensor not in self.model.sensors:
-            raise unknown("sensor", sensor, self.model.sensors)
-        return sensor or ""
-
-    def _measurement(self, z: Any, sensor: str | None) -> tuple[str, np.ndarray]:
-        value = np.asarray(z, self._dtype)
-        if sensor is None and value.shape == self._shape:
-            return "", value
-        sensor = self._sensor(sensor)
-        names = self.model.measurement[sensor]
-        if names is None:
-            fits, expected = value.ndim == 1 + self._batched and value.shape[:-1] == self._tracks, (*self._tracks, "m")
-        else:
-            expected = (*self._tracks, len(names))
-            fits = value.shape == expected
-        if not fits:
-            raise InputError(
-                f"z must have the shape {expected}{f' for {list(names)}' if names else ''}; it has {value.shape}"
-            )
-        return sensor, value
-
-    def _noise(self, sensor: str, R: Any) -> Any:
-        if R is None:
-            return None
-        if callable(R):
-            raise InputError("R of one measurement must be numbers, its covariance or variances; it is a function")
-        return cast(noise("R", R, self.model.measurement[sensor], OF_SENSOR), self._dtype)
-
-    def _inputs(self, u: Any, what: str, sensor: str | None = None) -> Any:
-        if not self._driven:
-            return None
-        wanted = self.model.motion_driven if what == "motion" else False
-        wanted = wanted or (sensor is not None and self.model.sensor_driven(sensor))
-        if not wanted:
-            return None
-        if u is None:
-            raise InputError(f"the {what} takes inputs; give u=")
-        finite("u", numbers("u", u))
-        return np.asarray(u, self._dtype)

@@ -99,7 +99,8 @@ def _as(kind: type, text: str, key: str) -> Any:
     try:
         return kind(text)
     except ValueError as error:
-        raise InputError(f"{key} must be a number; it is {text!r}") from error
+        wanted = "a whole number" if kind is int else "a number"
+        raise InputError(f"{key} must be {wanted}; it is {text!r}") from error
 
 
 def parsed_filters(texts: Sequence[str], study: Study) -> dict[str, Filter]:

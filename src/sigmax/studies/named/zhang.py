@@ -42,22 +42,20 @@ def _filters() -> dict[str, Filter]:
 def _model(density: float, R: np.ndarray, bias: Bias, count: int) -> Model:
     if count < 1:
         raise InputError(f"there must be a station at least; stations = {count}")
-    names = tuple(f"station {k + 1}" for k in range(count))
-    if count == 1:
-        return Model(
-            motion=_straight, state=_STATE, Q=_driven(density), sensor=_both, R=R, measurement=("α", "β"), bias=bias
-        )
-    return fused(
-        Model(
-            motion=_straight,
-            state=_STATE,
-            Q=_driven(density),
-            sensor=dict.fromkeys(names, _both),
-            R=dict.fromkeys(names, R),
-            measurement=dict.fromkeys(names, ("α", "β")),
-            bias=bias,
-        )
+
+    def each(given: Any) -> Any:
+        return given if count == 1 else dict.fromkeys([f"station {k + 1}" for k in range(count)], given)
+
+    made = Model(
+        motion=_straight,
+        state=_STATE,
+        Q=_driven(density),
+        sensor=each(_both),
+        R=each(R),
+        measurement=each(("α", "β")),
+        bias=bias,
     )
+    return made if count == 1 else fused(made)
 
 
 def _bias(B: Any, count: int, Q: float, b0: float, variance: float) -> Bias:
