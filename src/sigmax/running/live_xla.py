@@ -81,7 +81,8 @@ class XlaState:
         return u.T if u is not None and u.ndim == 2 else u
 
     def _told(self, told: Innovation) -> Innovation:
-        return Innovation(*map(batch_first, told)) if self.belief.mean.ndim == 2 else told
+        laid = map(batch_first, told) if self.belief.mean.ndim == 2 else told
+        return Innovation(*map(np.asarray, laid))
 
 
 @partial(jax.jit, static_argnums=0)
