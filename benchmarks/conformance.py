@@ -87,7 +87,7 @@ def _worst(outcomes: tuple[Outcome, ...]) -> Outcome:
 
 def _page(measured: list[tuple[Adapter, list[Outcome]]]) -> str:
     names = list(LAWS)
-    groups = [names[:6], names[6:12], names[12:]]
+    groups = [names[:6], names[6:13], names[13:]]
     tables = "\n\n".join(_table(measured, group) for group in groups)
     laws = "\n".join(f"| {law.name} | {law.says} | {law.allowed:g} |" for law in LAWS.values())
     stand = ", ".join(f"{name} {found}" for name, found in libraries().items() if found)

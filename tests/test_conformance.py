@@ -24,16 +24,19 @@ class Extended:
         self.forget, self.jitter, self.plain = forget, jitter, plain
 
     def predict(self):
-        F = self.task.jacobians[0](self.mean)
-        self.mean = self.task.f(self.mean)
-        self.cov = F @ self.cov @ F.T + (0 if "Q" in self.forget else self.task.Q)
+        before, after = self.mean, self.task.f(self.mean)
+        F = self.task.jacobians[0](after if "where F" in self.forget else before)
+        self.mean, self.at = after, before if "where H" in self.forget else after
+        Q = np.diag(np.diag(self.task.Q)) if "Q across" in self.forget else self.task.Q
+        self.cov = F @ self.cov @ F.T + (0 if "Q" in self.forget else Q)
 
     def update(self, z):
         seen = ~np.isnan(z)
         if "missing" in self.forget:
             z, seen = np.nan_to_num(z), np.full(len(z), True)
-        H = self.task.jacobians[1](self.mean)[seen]
-        R = self.task.R[np.ix_(seen, seen)] + self.jitter * np.eye(seen.sum())
+        H = self.task.jacobians[1](self.at if "where H" in self.forget else self.mean)[seen]
+        R = np.diag(np.diag(self.task.R)) if "R across" in self.forget else self.task.R
+        R = R[np.ix_(seen, seen)] + self.jitter * np.eye(seen.sum())
         K = np.linalg.solve(H @ self.cov @ H.T + R, H @ self.cov).T
         y = z - self.task.h(self.mean)
         self.mean = self.mean + K @ (y if self.plain else self.task.wrapped(y))[seen]
@@ -49,7 +52,8 @@ def broken(adapter, laws):
     return [o.law.name for o in check(adapter, laws) if o.applies and not o.kept]
 
 
-EXACT = ["linear", "offset", "stiff R", "Q = 0", "order", "missing", "partly missing", "rotation", "bearing at π"]
+LINEAR = ["linear", "offset", "stiff R", "Q = 0", "order", "missing", "partly missing"]
+EXACT = [*LINEAR, "small noise", "rotation", "bearing at π"]
 
 
 def test_a_sound_filter_keeps_the_laws():
@@ -59,14 +63,36 @@ def test_a_sound_filter_keeps_the_laws():
 @pytest.mark.parametrize(
     ("faults", "expected"),
     [
-        ({"forget": ("Q",)}, {"linear", "offset", "stiff R", "order", "missing", "partly missing"}),
+        ({"forget": ("Q",)}, {*LINEAR, "small noise"} - {"Q = 0"}),
+        ({"forget": ("Q across",)}, {*LINEAR, "small noise"} - {"Q = 0"}),
+        ({"forget": ("R across",)}, {*LINEAR, "small noise"}),
+        ({"forget": ("where F",)}, {"small noise"}),
+        ({"forget": ("where H",)}, {"small noise"}),
         ({"forget": ("missing",)}, {"missing", "partly missing"}),
         ({"plain": True}, {"bearing at π"}),
     ],
-    ids=["no Q", "missing taken for zero", "no angles"],
+    ids=["no Q", "diagonal Q", "diagonal R", "F too late", "H too early", "missing taken for zero", "no angles"],
 )
 def test_a_fault_breaks_the_laws_that_are_about_it(faults, expected):
     assert set(broken(faulty(**faults), EXACT)) == expected
+
+
+class HalfSampled(Extended):
+    """Points of degree 3 for the motion, and a linearised sensor."""
+
+    def predict(self):
+        n = len(self.mean)
+        spread = np.sqrt(n) * np.linalg.cholesky(self.cov)
+        points = self.task.f(np.hstack([self.mean[:, None] + spread, self.mean[:, None] - spread]))
+        self.mean = points.mean(axis=1)
+        self.cov = np.cov(points, bias=True) + self.task.Q
+
+
+@pytest.mark.parametrize("kind", [Extended, HalfSampled])
+def test_the_degree_is_that_of_the_lesser_half(kind):
+    """Who samples the motion alone and says 3 is found out by the sensor."""
+    assert broken(Adapter("half", kind, 1), ["linear", "small noise", "moments 3"]) == []
+    assert broken(Adapter("half", kind, 3), ["linear", "small noise", "moments 3"]) == ["moments 3"]
 
 
 HONEST = [name for name in LAWS if name.startswith("honest")]
@@ -153,7 +179,8 @@ def test_a_law_that_does_not_apply_is_neither_kept_nor_broken():
 
 def test_ours_keeps_the_laws():
     """One compiled filter on the laws that share a model; all filters, all laws in the slow test."""
-    assert broken(own("SRCKF"), ["linear", "offset", "missing", "partly missing", "bearing at π", "moments 3"]) == []
+    laws = ["linear", "offset", "missing", "partly missing", "small noise", "bearing at π", "moments 3"]
+    assert broken(own("SRCKF"), laws) == []
 
 
 @pytest.mark.parametrize("module", ["filterpy.kalman", "sigmax.filterpy"])

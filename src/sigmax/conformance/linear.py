@@ -9,7 +9,7 @@ _N, _M, _T = 3, 2, 6
 
 
 class _Linear:
-    """A random linear model with full A, H, Q, P and independent noise of the sensor."""
+    """A random linear model with full A, H, Q, R and P."""
 
     def __init__(self, seed: int = 3) -> None:
         rng = np.random.default_rng(seed)
@@ -17,19 +17,20 @@ class _Linear:
         self.H = rng.standard_normal((_M, _N))
         roots = rng.standard_normal((2, _N, _N + 2))
         self.Q, self.P = 0.2 * roots[0] @ roots[0].T / _N, roots[1] @ roots[1].T / _N
-        self.r = rng.uniform(0.3, 0.8, _M)
+        r = rng.uniform(0.3, 0.8, _M)
+        self.R = np.diag(r) + 0.6 * np.sqrt(np.outer(r, r)) * (1 - np.eye(_M))
         self.x = rng.standard_normal(_N)
         self.z = rng.standard_normal((_T, _M))
 
     def task(self) -> Task:
         A, H = self.A, self.H
-        return Task(lambda x, xp: xp.asarray(A) @ x, lambda x, xp: xp.asarray(H) @ x, self.Q, np.diag(self.r))
+        return Task(lambda x, xp: xp.asarray(A) @ x, lambda x, xp: xp.asarray(H) @ x, self.Q, self.R)
 
     def gap(self, adapter: Adapter, record: list[list[np.ndarray]]) -> float:
         """The largest difference from the exact filter, of means and covariances, whitened by its covariance."""
         running = adapter.start(self.task(), self.x.copy(), self.P.copy())
         worst = 0.0
-        exact = kalman(self.A, self.H, self.Q, self.r, self.x, self.P, record)
+        exact = kalman(self.A, self.H, self.Q, self.R, self.x, self.P, record)
         for measurements, (mean, cov) in zip(record, exact, strict=True):
             running.predict()
             for z in measurements:
@@ -66,7 +67,7 @@ def offset(adapter: Adapter) -> float:
 def stiff(adapter: Adapter) -> float:
     """Measurements that leave next to nothing open; not positive definite counts as infinitely far."""
     p = _Linear()
-    p.r = p.r * 1e-12
+    p.R = p.R * 1e-12
     running = adapter.start(p.task(), p.x.copy(), p.P.copy())
     for z in p.z:
         running.predict()
