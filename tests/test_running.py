@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import sigmax
+from sigmax.filters import names
 from tests.laws.problems import DT, TURNING, TURNING_PRIOR, linear, made, turning_record
 
 PRIOR = sigmax.Gaussian(*TURNING_PRIOR)
@@ -341,3 +342,22 @@ def test_one_model_compiles_once():
         model = sigmax.Model(motion=motion, sensor=sensor, Q=p.Q * size, R=p.R * size)
         sigmax.run("SKF", model, sigmax.Gaussian(p.x0 + size, p.P0), p.z + size, dt=size)
     assert len(traces) == before
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_filter_of_the_catalogue_is_equal_to_its_pickled_copy(name):
+    made = sigmax.get(name)
+    copied = pickle.loads(pickle.dumps(made))
+    assert copied == made
+    assert hash(copied) == hash(made)
+    # With so many biases too, which are compiled once for both.
+    assert copied.form.on(2) is made.form.on(2) or made.form.biased is None
+    assert pickle.loads(pickle.dumps(made.form.on(2))).name == made.form.on(2).name
+
+
+@pytest.mark.parametrize("name", ["TSCIF", "TSHCIF"])
+def test_so_is_one_with_parameters(name):
+    made = sigmax.get(name, information="paper")
+    copied = pickle.loads(pickle.dumps(made))
+    assert copied == made
+    assert copied != sigmax.get(name)

@@ -11,7 +11,7 @@ L₁ and L₂ by small triangles that differ little from I.
 """
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import jax
@@ -105,8 +105,20 @@ def _weighted(
     return Stages(C - product(L1, K), D2, D1, shift, solve_lower(Sy, nu), Sy, sound)
 
 
-def _information(exact: bool) -> Update:
-    return lambda *given: _weighted(exact, *given)
+def _exact(
+    blocks: Blocks, slopes: tuple[jax.Array, jax.Array], line: Linearization, Lr: Matrix, nu: jax.Array
+) -> Stages:
+    return _weighted(True, blocks, slopes, line, Lr, nu)
+
+
+def _paper(
+    blocks: Blocks, slopes: tuple[jax.Array, jax.Array], line: Linearization, Lr: Matrix, nu: jax.Array
+) -> Stages:
+    return _weighted(False, blocks, slopes, line, Lr, nu)
+
+
+def _nothing(S: jax.Array) -> tuple[()]:
+    return ()
 
 
 def _predict(line: Linearization, Lq: Matrix) -> Predicted:
@@ -115,39 +127,44 @@ def _predict(line: Linearization, Lq: Matrix) -> Predicted:
     return Predicted(S, (), sound)
 
 
+def _correct(
+    update: Update, p: int, S: jax.Array, carried: tuple[()], line: Linearization, Lr: Matrix, nu: jax.Array
+) -> Corrected:
+    L2, L1 = S[:p, :p], S[p:, p:]
+    done = update((S[p:, :p], L1), (line.slope[:, :p], line.slope[:, p:]), line, Lr, nu)
+    of_bias, of_state = done.shift
+    shift = jnp.concatenate([times(L2, of_bias), of_state + times(done.coupled, of_bias)])
+    upper = jnp.concatenate([product(L2, done.bias), jnp.zeros_like(S[:p, p:])], axis=1)
+    lower = jnp.concatenate([product(done.coupled, done.bias), product(L1, done.state)], axis=1)
+    factor = jnp.concatenate([upper, lower])
+    return Corrected(shift, factor, (), done.whitened, done.innovation_factor, done.sound)
+
+
 @lru_cache(maxsize=64)
 def _staged(name: str, update: Update, alone: Form, biases: int) -> Form:
     """The form for so many biases; without any there is one stage, and it is the form `alone`."""
     if not biases:
         return alone
-    p = biases
-
-    def correct(S: jax.Array, carried: tuple[()], line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
-        L2, L1 = S[:p, :p], S[p:, p:]
-        done = update((S[p:, :p], L1), (line.slope[:, :p], line.slope[:, p:]), line, Lr, nu)
-        of_bias, of_state = done.shift
-        shift = jnp.concatenate([times(L2, of_bias), of_state + times(done.coupled, of_bias)])
-        upper = jnp.concatenate([product(L2, done.bias), jnp.zeros_like(S[:p, p:])], axis=1)
-        lower = jnp.concatenate([product(done.coupled, done.bias), product(L1, done.state)], axis=1)
-        factor = jnp.concatenate([upper, lower])
-        return Corrected(shift, factor, (), done.whitened, done.innovation_factor, done.sound)
-
-    return Form(name, _nothing, _predict, correct, omega=alone.omega, bias_first=True)
+    return Form(name, _nothing, _predict, partial(_correct, update, biases), omega=alone.omega, bias_first=True)
 
 
-def _nothing(S: jax.Array) -> tuple[()]:
-    return ()
+# Functions with a name, not partial ones: a form is equal to its copy out of a pickle.
+def _gains_on(biases: int) -> Form:
+    return _staged("two stages", _gains, covariance, biases)
 
 
-def _form(name: str, update: Update, alone: Form) -> Form:
-    def on(biases: int) -> Form:
-        return _staged(name, update, alone, biases)
-
-    return Form(name, alone.start, alone.predict, alone.correct, omega=alone.omega, bias_first=True, biased=on)
+def _exact_on(biases: int) -> Form:
+    return _staged("two stages, information", _exact, information["exact"], biases)
 
 
-two_stage = {
-    "covariance": _form("two stages", _gains, covariance),
-    "exact": _form("two stages, information", _information(True), information["exact"]),
-    "paper": _form("two stages, information as printed", _information(False), information["paper"]),
-}
+def _paper_on(biases: int) -> Form:
+    return _staged("two stages, information as printed", _paper, information["paper"], biases)
+
+
+def _form(on: Callable[[int], Form]) -> Form:
+    alone = on(0)
+    start, predict, correct = alone.start, alone.predict, alone.correct
+    return Form(on(1).name, start, predict, correct, omega=alone.omega, bias_first=True, biased=on)
+
+
+two_stage = {"covariance": _form(_gains_on), "exact": _form(_exact_on), "paper": _form(_paper_on)}
