@@ -1,11 +1,12 @@
 """A predictor and an updater on the base classes of Stone Soup, computed by a filter of sigmax."""
 
+from collections.abc import Hashable
 from functools import lru_cache
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from stonesoup.base import Property
+from stonesoup.base import Base, Property
 from stonesoup.models.measurement import MeasurementModel
 from stonesoup.predictor.base import Predictor
 from stonesoup.types.array import CovarianceMatrix, StateVector
@@ -39,13 +40,13 @@ class SigmaxPredictor(Predictor):  # type: ignore[misc]
         self.filter = as_filter(self.filter)
         if self.control_model is not None:
             raise InputError("a control model is not taken; put what is controlled into the transition model")
-        self._made: tuple[Any, RowSteps] | None = None
+        self._made: tuple[Any, Any, RowSteps] | None = None
 
     def predict(self, prior: Any, timestamp: Any = None, **kwargs: Any) -> Any:
         """The state at `timestamp`; without one, or at the time of the prior, the state as it is."""
         # Predictions of a track are kept by the state it is in, which changes under the same track.
         inner = isinstance(prior, StateMutableSequence) and not isinstance(prior, State)
-        return _predicted(self, prior.state if inner else prior, timestamp)
+        return _predicted(self, prior.state if inner else prior, timestamp, _told(self.transition_model))
 
     def __getstate__(self) -> dict[str, Any]:
         # What is compiled is made anew where it is needed.
@@ -54,19 +55,22 @@ class SigmaxPredictor(Predictor):  # type: ignore[misc]
     @property
     def steps(self) -> RowSteps:
         """The compiled steps of the transition model as it is now."""
-        if self._made is None or self._made[0] is not self.transition_model:
+        return self._as_told(_told(self.transition_model))
+
+    def _as_told(self, told: Any) -> RowSteps:
+        if self._made is None or self._made[0] is not self.transition_model or self._made[1] != told:
             moved = motion_of(self.transition_model)
             n = moved.size
             # Nothing is ever seen through this sensor.
             model = Model(motion=moved.function, Q=moved.Q, sensor=_first, R=[1.0], state=_states(n))
-            self._made = self.transition_model, RowSteps(self.filter, model)
-        return self._made[1]
+            self._made = self.transition_model, told, RowSteps(self.filter, model)
+        return self._made[2]
 
 
 # As many as Stone Soup's own predictors keep.
 @lru_cache(maxsize=128)
-def _predicted(predictor: SigmaxPredictor, prior: Any, timestamp: Any) -> Any:
-    steps = predictor.steps
+def _predicted(predictor: SigmaxPredictor, prior: Any, timestamp: Any, told: Any) -> Any:
+    steps = predictor._as_told(told)
     timeless = timestamp is None or prior.timestamp is None
     seconds = 0.0 if timeless else (timestamp - prior.timestamp).total_seconds()
     if seconds < 0:
@@ -105,7 +109,7 @@ class SigmaxUpdater(Updater):  # type: ignore[misc]
     ) -> Any:
         """What should be measured, its covariance, and its covariance with the state."""
         model = self._check_measurement_model(measurement_model)
-        return _expected(self, predicted_state, model, measurement_noise)
+        return _expected(self, predicted_state, model, _told(model), measurement_noise)
 
     def update(self, hypothesis: Any, **kwargs: Any) -> Any:
         """The state after the measurement of a hypothesis."""
@@ -113,7 +117,7 @@ class SigmaxUpdater(Updater):  # type: ignore[misc]
         model = self._check_measurement_model(detection.measurement_model)
         if hypothesis.measurement_prediction is None:
             hypothesis.measurement_prediction = self.predict_measurement(prediction, model)
-        steps, seen = _steps(self.filter, model)
+        steps, seen = _steps(self.filter, model, _told(model))
         z = np.asarray(detection.state_vector).astype(float).reshape(1, -1)
         if z.size != len(seen.R):
             raise InputError(f"the detection has {z.size} components, the measurement model {len(seen.R)}")
@@ -127,8 +131,8 @@ class SigmaxUpdater(Updater):  # type: ignore[misc]
 
 
 @lru_cache(maxsize=128)
-def _expected(updater: SigmaxUpdater, predicted: Any, model: Any, noisy: bool) -> Any:
-    steps, seen = _steps(updater.filter, model)
+def _expected(updater: SigmaxUpdater, predicted: Any, model: Any, told: Any, noisy: bool) -> Any:
+    steps, seen = _steps(updater.filter, model, told)
     rows = _rows(steps, predicted)
     m, n = len(seen.R), seen.size
     _, told, fault = steps.correct(rows, "", np.zeros((1, m)), seen.u)
@@ -148,8 +152,23 @@ def _expected(updater: SigmaxUpdater, predicted: Any, model: Any, noisy: bool) -
     )
 
 
+# Of what is plain nothing is asked further, which is most of the time that it takes.
+_PLAIN = frozenset({float, int, bool, str, type(None)})
+
+
+def _told(value: Any) -> Any:
+    """All that a model was told, as something to compare with: models may be changed in place."""
+    if isinstance(value, np.ndarray):
+        return value.shape, (tuple(value.flat) if value.dtype.hasobject else value.tobytes())
+    if isinstance(value, Base):
+        value = value.__dict__.values()
+    elif not isinstance(value, list | tuple):
+        return value if isinstance(value, Hashable) else id(value)
+    return tuple([one if type(one) in _PLAIN else _told(one) for one in value])
+
+
 @lru_cache(maxsize=256)
-def _seen(model: Any) -> Seen:
+def _seen(model: Any, told: Any) -> Seen:
     return sensor_of(model)
 
 
@@ -163,8 +182,8 @@ def _compiled(filter: Filter, function: Any, R: bytes, angles: tuple[type | None
     return RowSteps(filter, model)
 
 
-def _steps(filter: Filter, model: Any) -> tuple[RowSteps, Seen]:
-    seen = _seen(model)
+def _steps(filter: Filter, model: Any, told: Any) -> tuple[RowSteps, Seen]:
+    seen = _seen(model, told)
     return _compiled(filter, seen.function, seen.R.tobytes(), seen.angles, seen.size), seen
 
 
