@@ -1,4 +1,4 @@
-"""What goes into the components for Stone Soup: models changed in place."""
+"""What goes into the components for Stone Soup: models changed in place, and states that are none."""
 
 from datetime import datetime, timedelta
 
@@ -17,6 +17,7 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import GaussianState
 from stonesoup.updater.kalman import ExtendedKalmanUpdater
 
+from sigmax.errors import InputError
 from sigmax.stonesoup import SigmaxPredictor, SigmaxUpdater
 
 START = datetime(2026, 1, 1)
@@ -85,3 +86,28 @@ def test_what_cannot_be_compared_counts_as_long_as_it_is_the_same():
     updater = SigmaxUpdater(Listed(4, (0, 2), np.eye(2)))
     state = GaussianState(np.arange(4.0), np.eye(4), timestamp=START)
     np.testing.assert_allclose(updater.predict_measurement(state).covar, 2 * np.eye(2))
+
+
+INDEFINITE = np.array([[1.0, 2.0], [2.0, 1.0]])
+LOPSIDED = np.array([[1.0, 0.5], [0.2, 1.0]])
+
+
+@pytest.mark.parametrize("filter", ["EKF", "SRCKFB"])
+@pytest.mark.parametrize(("cov", "says"), [(INDEFINITE, "eigenvalue -1"), (LOPSIDED, "must be symmetric")])
+def test_a_state_whose_covariance_is_none_is_refused(filter, cov, says):
+    predictor = SigmaxPredictor(ConstantVelocity(0.1), filter=filter)
+    updater = SigmaxUpdater(LinearGaussian(2, (0,), np.eye(1)), filter=filter)
+    state = GaussianState([0.0, 1.0], cov, timestamp=START)
+    with pytest.raises(InputError, match=says):
+        predictor.predict(state, timestamp=START + timedelta(seconds=1))
+    with pytest.raises(InputError, match=says):
+        updater.predict_measurement(state)
+
+
+@pytest.mark.parametrize("filter", ["EKF", "SRCKFB"])
+@pytest.mark.parametrize("cov", [np.zeros((2, 2)), np.ones((2, 2)), np.ones((2, 2)) + 1e-12 * np.eye(2)[::-1]])
+def test_a_singular_covariance_is_one_and_so_is_one_with_rounding(filter, cov):
+    state = GaussianState([0.0, 1.0], cov, timestamp=START)
+    found = SigmaxPredictor(ConstantVelocity(0.1), filter=filter).predict(state, timestamp=START + timedelta(seconds=1))
+    F, Q = np.array([[1.0, 1], [0, 1]]), 0.1 * np.array([[1 / 3, 1 / 2], [1 / 2, 1]])
+    np.testing.assert_allclose(found.covar, F @ cov @ F.T + Q, rtol=1e-9)

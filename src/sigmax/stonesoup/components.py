@@ -18,6 +18,7 @@ from stonesoup.updater.base import Updater
 from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models import Model, angle
+from sigmax.models.checks import symmetric_semidefinite
 from sigmax.running.edge import as_filter
 from sigmax.running.rows import RowSteps
 from sigmax.stonesoup.translate import Seen, motion_of, sensor_of
@@ -201,7 +202,12 @@ def _rows(steps: RowSteps, state: Any) -> np.ndarray:
         raise InputError("a state must be finite")
     if (cov.diagonal(axis1=1, axis2=2) < 0).any():
         raise InputError("the covariance of a state has a negative variance")
-    return _remembered(steps, state, steps.start(mean, cov))
+    rows = steps.start(mean, cov)
+    scale = np.sqrt(cov[0].diagonal())
+    # Only where its factor does not give it back is there something to find out, which takes longer.
+    if (np.abs(steps.cov(rows) - cov) > 1e-6 * scale[:, None] * scale).any():
+        symmetric_semidefinite("the covariance of a state", cov[0])
+    return _remembered(steps, state, rows)
 
 
 # Rows of one filter and size look alike, whatever the model.
