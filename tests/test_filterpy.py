@@ -477,3 +477,32 @@ def test_a_wrong_shape_is_told_where_it_is_used(name, value, said):
     setattr(k, name, value)
     with pytest.raises(sigmax.InputError, match=said):
         k.batch_filter([1.0])
+
+
+@pytest.mark.parametrize("name", ["P", "Q", "R"])
+@pytest.mark.parametrize("rounding", [0.0, 1e-9])
+def test_a_covariance_that_is_not_symmetric_is_refused_unless_by_rounding(name, rounding):
+    k = prepared(ours.KalmanFilter(N, M))
+    k.F, k.H = F, H
+    entry = getattr(k, name)
+    entry[0, 1] += rounding or 0.1
+
+    def step():
+        k.predict()
+        k.update(Z[0])
+
+    if rounding:
+        step()
+    else:
+        with pytest.raises(sigmax.InputError, match=f"{name} must be symmetric"):
+            step()
+
+
+def test_a_bank_of_filters_shows_what_it_is_at():
+    made = [prepared(ours.KalmanFilter(N, M)) for _ in range(2)]
+    shown = repr(ours.IMMEstimator(made, [0.25, 0.75], [[0.9, 0.1], [0.2, 0.8]]))
+    assert shown.startswith("IMMEstimator\nx = ")
+    assert "mu = [0.25 0.75]" in shown
+    shown = repr(ours.MMAEFilterBank(made, [0.25, 0.75], N))
+    assert shown.startswith("MMAEFilterBank\nx = ")
+    assert "p = [0.25 0.75]" in shown

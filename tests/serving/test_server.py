@@ -242,6 +242,24 @@ def test_it_ends_quietly_and_at_once_when_senders_are_connected(tmp_path):
     assert "Traceback" not in told
 
 
+@pytest.mark.parametrize(("end", "most"), [(0, 64), (1, 256)], ids=["senders", "consumers"])
+def test_who_finds_no_room_is_told(tmp_path, end, most):
+    with process(tmp_path, "--from", "tcp:0", "--to", "tcp:0") as run, contextlib.ExitStack() as open_ones:
+        address = addresses(run)[end]
+        for _ in range(most):
+            connection, file = reader(address)
+            open_ones.enter_context(connection)
+            assert "closed" not in json.loads(file.readline())
+        connection, file = reader(address)
+        open_ones.enter_context(connection)
+        # Lines already on their way do not cost it the reason.
+        file.write(b'{"t": 0, "n_km": 1, "e_km": 1}\n' * 100)
+        with contextlib.suppress(OSError):
+            file.flush()
+        assert f"{most} " in json.loads(file.readline())["closed"]
+        assert file.readline() == b""
+
+
 def test_it_ends_when_the_work_fails_and_lines_wait(tmp_path):
     """Nobody takes the lines of standard input any more: their end is not waited for."""
     code = """

@@ -53,7 +53,11 @@ def test_what_is_quoted_shows_no_control_characters():
     ("line", "why"),
     [
         (b"nonsense", "no JSON"),
-        (b"[1]", "an object"),
+        (b"[1]", "not an array"),
+        (b"null", "not null"),
+        (b"true", "not true or false"),
+        (b"3", "not a number"),
+        (b'"x"', "not text"),
         (b'{"n_km": 1, "e_km": 2}', "needs a time"),
         (b'{"t": "soon", "n_km": 1}', "is no time"),
         (b'{"t": 1, "n_km": "1"}', "is no number"),

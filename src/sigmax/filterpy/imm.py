@@ -41,6 +41,10 @@ class IMMEstimator:
         self._combine()
         self.x_prior, self.P_prior = self.x_post, self.P_post = self.x.copy(), self.P.copy()
 
+    def __repr__(self) -> str:
+        shown = ("x", "P", "mu", "M", "likelihood")
+        return "\n".join([type(self).__name__, *(f"{name} = {getattr(self, name)}" for name in shown)])
+
     def predict(self, u: Any = None) -> None:
         """Mix the states, then predict with every filter."""
         mixed = [moments(self.filters, weights) for weights in self.omega.T]

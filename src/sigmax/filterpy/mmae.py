@@ -34,6 +34,9 @@ class MMAEFilterBank:
         self.x, self.P = moments(filters, self.p)
         self.x_prior, self.P_prior = self.x_post, self.P_post = self.x.copy(), self.P.copy()
 
+    def __repr__(self) -> str:
+        return "\n".join([type(self).__name__, *(f"{name} = {getattr(self, name)}" for name in ("x", "P", "p"))])
+
     def predict(self, u: Any = None) -> None:
         """Predict with every filter."""
         for f in self.filters:

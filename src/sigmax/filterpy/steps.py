@@ -16,6 +16,7 @@ from scipy.linalg.lapack import dgeqrf, dpotrf
 
 from sigmax.algebra.factor import cholesky
 from sigmax.filterpy.compiled import Corrected, Predicted, correcting, predicting
+from sigmax.models.checks import symmetric_semidefinite
 
 
 class Line(NamedTuple):
@@ -43,12 +44,14 @@ def factor(P: np.ndarray, name: str = "P") -> np.ndarray:
 
     Raises:
         numpy.linalg.LinAlgError: where P has a negative eigenvalue.
+        InputError: where P is not symmetric; its lower triangle alone would be used.
     """
     S, failed = dpotrf(P, lower=1, clean=1)
-    if not failed:
-        return np.asarray(S)
-    S, sound = _semidefinite(P)
-    _refuse(sound, f"{name} is not positive semidefinite: it has a negative eigenvalue beyond rounding")
+    if failed:
+        S, sound = _semidefinite(P)
+        _refuse(sound, f"{name} is not positive semidefinite: it has a negative eigenvalue beyond rounding")
+    if not (P == P.T).all():
+        symmetric_semidefinite(name, P)
     return np.asarray(S)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from sigmax.errors import InputError
-from sigmax.serving.ends import End, write_pipe
+from sigmax.serving.ends import End, turn_away, write_pipe
 from sigmax.serving.outbox import Outbox
 from sigmax.serving.service import Service
 
@@ -94,7 +94,7 @@ class Consumers:
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(self._boxes) >= _MOST:
-            writer.close()
+            await turn_away(reader, writer, f"{_MOST} consumers are connected, which is the most")
             return
         writer.transport.set_write_buffer_limits(high=1 << 16)
 

@@ -7,6 +7,8 @@ import threading
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
+import orjson
+
 from sigmax.errors import InputError
 
 T = TypeVar("T")
@@ -109,3 +111,16 @@ async def connect(end: End, told: Callable[[str], None]) -> Any:
     except Exception as error:
         raise InputError(f"no NATS server at {end.host}:{end.port}: {error or type(error).__name__}") from error
     return client
+
+
+async def turn_away(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, why: str) -> None:
+    """End a connection that there is no room for, and tell it why."""
+    # At the end of the service asyncio would print the cancellation as if it were a fault.
+    with contextlib.suppress(OSError, TimeoutError, asyncio.CancelledError):
+        writer.write(orjson.dumps({"closed": f"{why}: try again when one has gone"}) + b"\n")
+        writer.write_eof()
+        # What came and is not read would end the connection with a reset, and the reason with it.
+        async with asyncio.timeout(1.0):
+            while await reader.read(1 << 12):
+                pass
+    writer.close()

@@ -22,6 +22,7 @@ from sigmax.serving.gather import Plot
 from sigmax.tracking import Cycle, Scan
 
 _PLAIN = {int, float, type(None)}
+_JSON = {type(None): "null", list: "an array", str: "text", bool: "true or false", int: "a number", float: "a number"}
 RESERVED = ("sensor", "plots", "serial", "source", "flush")
 
 
@@ -114,7 +115,7 @@ class Feed:
         except orjson.JSONDecodeError as error:
             raise InputError(f"no JSON: {error}") from error
         if not isinstance(row, dict):
-            raise InputError(f"a line is an object {{…}} of JSON, not {type(row).__name__}")
+            raise InputError(f"a line is an object {{…}} of JSON, not {_JSON[type(row)]}")
         source, serial = row.get("source", ""), row.get("serial")
         if not isinstance(source, str) or len(source) > 100:
             raise InputError("source must be text of at most 100 characters")

@@ -8,7 +8,7 @@ from typing import Any
 import orjson
 
 from sigmax.errors import InputError
-from sigmax.serving.ends import End, read_pipe
+from sigmax.serving.ends import End, read_pipe, turn_away
 from sigmax.serving.lines import Splitter
 from sigmax.serving.service import Service, Verdict, complaint
 
@@ -95,7 +95,7 @@ async def from_tcp(queue: asyncio.Queue[Any], limit: int, end: End, service: Ser
     async def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         nonlocal connections
         if connections >= _MOST:
-            writer.close()
+            await turn_away(reader, writer, f"{_MOST} senders are connected, which is the most")
             return
         connections += 1
         connection, splitter = _Connection(), Splitter(limit)
