@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import sigmax
+from sigmax.tracking import Modes
 
 PRIOR = sigmax.Gaussian([0.0, 1.0], [1.0, 1.0])
 TABLE = np.arange(3.0)
@@ -110,3 +111,10 @@ def test_the_kalman_filter_refuses_a_bias_that_depends_on_the_state():
             sigmax.run("KF", model(bias=bias), PRIOR, np.zeros((3, 1)), dt=1.0)
     by_time = sigmax.Bias(motion=lambda dt: dt * jnp.ones((2, 1)), prior=prior)
     assert sigmax.run("KF", model(bias=by_time), PRIOR, np.zeros((3, 1)), dt=1.0).ok.all()
+
+
+def test_modes_of_a_tracker_are_checked_when_they_are_made():
+    with pytest.raises(sigmax.InputError, match="element 2 of an array that has 2"):
+        Modes([("EKF", model()), ("EKF", model(**BEYOND["a component"]))])
+    with pytest.raises(sigmax.InputError, match="sensor must return the 1 components"):
+        Modes([("EKF", model(sensor=lambda x: x))])

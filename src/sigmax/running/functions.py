@@ -30,10 +30,42 @@ def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mappi
     Raises:
         InputError: where a function of the model gives a shape that does not fit, or reads beyond what it is given.
     """
+    driven = u is not None
+    check_shapes(model, u.shape[-1] if driven else None, sizes)
+    if is_traced((prior, dt, u)):
+        return
+    start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0])
+    first_dt = np.ravel(dt)[0]
+    first_u = () if u is None else (np.asarray(u)[(0,) * (u.ndim - 1)],)
+    moving = [("Q", model.Q, model.size)]
+    if model.bias is not None:
+        moving.append(("the bias's Q", model.bias.Q, model.biases))
+    for label, Q, size in moving:
+        if callable(Q) and (driven or not model.motion_driven):
+            count = takes(Q, label, OF_MOTION)
+            _check_noise(label, Q, ((first_dt,) if count == 1 else (start, first_dt, *first_u)[:count]), size)
+    for s, size in sizes.items():
+        R = model.R[s]
+        if callable(R) and (driven or not model.sensor_driven(s)):
+            label = f"R[{s!r}]" if s else "R"
+            _check_noise(label, R, (start, *first_u)[: takes(R, label, OF_SENSOR)], size)
+
+
+def check_shapes(model: Model, inputs: int | None, sizes: Mapping[str, int]) -> None:
+    """Evaluate the shapes of motion, sensors and bias; no number is needed.
+
+    Args:
+        model: the model as the user has it.
+        inputs: how many; None where it is not known: what takes inputs is left out.
+        sizes: how many components are measured, by sensor; others are left out.
+
+    Raises:
+        InputError: as `check_functions`.
+    """
     n = model.size
     x = jax.ShapeDtypeStruct((n,), jnp.float64)
     second = jax.ShapeDtypeStruct((), jnp.float64)
-    given = () if u is None else (jax.ShapeDtypeStruct((u.shape[-1],), jnp.float64),)
+    given = () if inputs is None else (jax.ShapeDtypeStruct((inputs,), jnp.float64),)
     if given or not model.motion_driven:
         _shape_of("motion", model.motion, (x, second, *given)[: 3 if model.motion_inputs else 2], n, model.state)
     sizes = {s: size for s, size in sizes.items() if given or not model.sensor_driven(s)}
@@ -43,23 +75,11 @@ def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mappi
         _shape_of(f"sensor {s!r}" if s else "sensor", model.sensors[s], arguments, size, names)
     if model.bias is not None:
         _check_bias(model, given, sizes)
-    if is_traced((prior, dt, u)):
-        return
-    start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0])
-    first_dt = np.ravel(dt)[0]
-    first_u = () if u is None else (np.asarray(u)[(0,) * (u.ndim - 1)],)
-    moving = [("Q", model.Q, n)]
-    if model.bias is not None:
-        moving.append(("the bias's Q", model.bias.Q, model.biases))
-    for label, Q, size in moving:
-        if callable(Q) and (given or not model.motion_driven):
-            count = takes(Q, label, OF_MOTION)
-            _check_noise(label, Q, ((first_dt,) if count == 1 else (start, first_dt, *first_u)[:count]), size)
-    for s, size in sizes.items():
-        R = model.R[s]
-        if callable(R):
-            label = f"R[{s!r}]" if s else "R"
-            _check_noise(label, R, (start, *first_u)[: takes(R, label, OF_SENSOR)], size)
+
+
+def counted(model: Model) -> dict[str, int]:
+    """How many components each sensor measures, of those whose components are named."""
+    return {s: len(names) for s, names in model.measurement.items() if names is not None}
 
 
 def _check_bias(model: Model, given: tuple[Any, ...], sizes: Mapping[str, int]) -> None:

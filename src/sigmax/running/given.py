@@ -11,7 +11,7 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_SENSOR, noise
 from sigmax.running.edge import cast
-from sigmax.running.functions import check_functions
+from sigmax.running.functions import check_functions, counted
 
 
 class Given:
@@ -93,5 +93,4 @@ class Given:
         return value
 
     def _check(self, u: np.ndarray | None) -> None:
-        sizes = {s: len(names) for s, names in self._asked.measurement.items() if names is not None}
-        check_functions(self._asked, self._prior, 1.0, u, sizes)
+        check_functions(self._asked, self._prior, 1.0, u, counted(self._asked))

@@ -13,6 +13,7 @@ from sigmax.native.driver import EMPTY, Record, Sensor, Step, driver, over_cores
 from sigmax.running.backend import attempt
 from sigmax.running.covariances import covariances
 from sigmax.running.edge import as_filter, cast, run_type
+from sigmax.running.functions import check_shapes, counted
 from sigmax.running.lanes import started
 from sigmax.running.live_xla import begun, half_steps
 from sigmax.running.lowered import Lowered, lowered
@@ -46,10 +47,14 @@ class RowSteps:
         model: the model.
         dtype: float64 or float32.
         backend: as in `run`.
+
+    Raises:
+        InputError: where a function of the model that takes no inputs gives a shape that does not fit.
     """
 
     def __init__(self, filter: Filter | str, model: Model, *, dtype: Any = "float64", backend: str | None = None):
         self.filter, self.dtype, self.backend = as_filter(filter), run_type(dtype), backend
+        check_shapes(model, None, counted(model))
         self.model = cast(model, self.dtype)
         self.packing = lowered(self.filter, self.model, 0, self.dtype).packing
         self._lower = np.flatnonzero(np.tri(self.packing.n))
