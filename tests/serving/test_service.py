@@ -206,6 +206,23 @@ def test_a_full_disk_is_an_error_for_people(feed, tmp_path):
     checkpoint.close()
 
 
+def test_a_scan_that_cannot_be_tracked_is_told_and_left_out(feed, monkeypatch):
+    whole, some = Service(feed), lines(6, whole=True)
+    step = whole.tracker.step
+
+    def failing(scan):
+        if scan.time == 4.0:
+            raise FloatingPointError("out of all bounds")
+        return step(scan)
+
+    monkeypatch.setattr(whole.tracker, "step", failing)
+    updates = tracked(whole, some)
+    assert list(whole.failures) == ["radar at 4 s: out of all bounds"]
+    assert whole.counts["failed"] == 1
+    without = tracked(Service(feed), [line for line in some if json.loads(line)["t"] != 4.0])
+    assert updates == without
+
+
 def test_memory_stays_bounded(feed):
     service = Service(feed)
     tracked(service, lines(60))

@@ -11,13 +11,13 @@ from sigmax.serving.consumers import Consumers
 from sigmax.serving.ends import End, connect
 from sigmax.serving.lines import Line, quoted
 from sigmax.serving.senders import Sender, from_nats, from_pipe, from_tcp
-from sigmax.serving.service import FLUSH, Service, Verdict
+from sigmax.serving.service import FLUSH, Service
 
 # Lines that may wait; senders wait beyond it.
 _WAITING = 64
 # Seconds that consumers are given to read what is left at the end.
 _GRACE = 3.0
-_QUOTED_LINES = 20
+_TOLD = 20
 
 
 class Limits(NamedTuple):
@@ -112,7 +112,7 @@ async def _work(
     told: Callable[[str], None],
 ) -> None:
     """Lines to updates, as many lines at a time as wait: they share one synchronisation of the journal."""
-    refused = 0
+    refused = failed = 0
     while True:
         try:
             batch = [await asyncio.wait_for(queue.get(), quiet if service.open else None)]
@@ -128,18 +128,21 @@ async def _work(
             sender.tell(verdict)
             if not verdict.taken:
                 refused += 1
-                _quote(refused, verdict, told)
+                _tell(told, refused, "line refused", f"{verdict.why}: {quoted(verdict.line.text)}")
         updates = service.work()
         while (update := await asyncio.to_thread(next, updates, None)) is not None:
             await consumers.put(update)
+        while service.failures:
+            failed += 1
+            _tell(told, failed, "scan that could not be tracked", service.failures.popleft())
         if last:
             return
 
 
-def _quote(refused: int, verdict: Verdict, told: Callable[[str], None]) -> None:
-    """Quote the first lines refused, then each thousandth."""
-    if refused <= _QUOTED_LINES or refused % 1000 == 0:
-        told(f"line refused ({refused} so far): {verdict.why}: {quoted(verdict.line.text)}")
+def _tell(told: Callable[[str], None], number: int, what: str, why: str) -> None:
+    """Tell of the first of many, then of each thousandth."""
+    if number <= _TOLD or number % 1000 == 0:
+        told(f"{what} ({number} so far): {why}")
 
 
 def checked_limits(line: int, quiet: float) -> Limits:

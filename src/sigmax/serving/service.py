@@ -1,7 +1,7 @@
 """The service without its sockets: lines in, updates out, a checkpoint beside."""
 
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -54,6 +54,7 @@ class Service:
     Attributes:
         counts: lines "taken", "refused" and "repeated" (a serial number had already been taken), and scans "failed".
         serials: the last serial number of each source.
+        failures: why scans could not be tracked, in words, the latest of those that nobody has taken out yet.
 
     Raises:
         InputError: where the checkpoint does not fit.
@@ -64,6 +65,7 @@ class Service:
         self.tracker = Tracker(feed.cycle, window=feed.window)
         self.counts: Counter[str] = Counter()
         self.serials: dict[str, int] = {}
+        self.failures: deque[str] = deque(maxlen=100)
         self._gathering = Gathering.nothing()
         self._updates = 0
         self._due: list[Message] = []
@@ -156,10 +158,11 @@ class Service:
         before, began = self.tracker.save(), time.monotonic()
         try:
             told = self.tracker.step(scan)
-        except Exception:
+        except Exception as error:
             # One scan that cannot be tracked must not end the service, nor end it again when it resumes.
             self.tracker.restore(before)
             self.counts["failed"] += 1
+            self.failures.append(f"{scan.sensor or 'the sensor'} at {scan.time:.15g} s: {error}")
             return None
         finally:
             self._worked += time.monotonic() - began
