@@ -77,8 +77,7 @@ class Base:
         return None if self._whitened is None else float(np.linalg.norm(self._whitened))
 
     def __repr__(self) -> str:
-        shown = ("x", "P", "Q", "R", "y", "S", "K", "log_likelihood", "mahalanobis")
-        return "\n".join([f"{type(self).__name__}", *(f"{name} = {getattr(self, name)}" for name in shown)])
+        return shown(self, "x", "P", "Q", "R", "y", "S", "K", "log_likelihood", "mahalanobis")
 
     def _factor(self) -> np.ndarray:
         """The factor of P: the one that made P, or a new one where P was set by the user."""
@@ -134,6 +133,11 @@ class Base:
         self.y = y.reshape(-1, 1) if np.ndim(self.x) == 2 else y
         self._whitened, self._innovation_factor = made.whitened, made.innovation_factor
         self._updated(np.array(z))
+
+
+def shown(filter: Any, *names: str) -> str:
+    """Some attributes of a filter, a line each."""
+    return "\n".join([type(filter).__name__, *(f"{name} = {getattr(filter, name)}" for name in names)])
 
 
 def matrix(name: str, given: Any, n: int) -> np.ndarray:

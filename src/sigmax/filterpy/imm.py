@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.filterpy.base import shown
 
 
 class IMMEstimator:
@@ -42,8 +43,7 @@ class IMMEstimator:
         self.x_prior, self.P_prior = self.x_post, self.P_post = self.x.copy(), self.P.copy()
 
     def __repr__(self) -> str:
-        shown = ("x", "P", "mu", "M", "likelihood")
-        return "\n".join([type(self).__name__, *(f"{name} = {getattr(self, name)}" for name in shown)])
+        return shown(self, "x", "P", "mu", "M", "likelihood")
 
     def predict(self, u: Any = None) -> None:
         """Mix the states, then predict with every filter."""

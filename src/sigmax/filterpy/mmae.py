@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.filterpy.base import shown
 from sigmax.filterpy.imm import moments
 
 
@@ -35,7 +36,7 @@ class MMAEFilterBank:
         self.x_prior, self.P_prior = self.x_post, self.P_post = self.x.copy(), self.P.copy()
 
     def __repr__(self) -> str:
-        return "\n".join([type(self).__name__, *(f"{name} = {getattr(self, name)}" for name in ("x", "P", "p"))])
+        return shown(self, "x", "P", "p")
 
     def predict(self, u: Any = None) -> None:
         """Predict with every filter."""

@@ -74,3 +74,14 @@ def noise(label: str, given: Any, components: Sequence[str] | None, allowed: tup
     if not is_traced(value) and np.count_nonzero(value - np.diag(np.diagonal(value))) == 0:
         return Diagonal(np.diagonal(value).copy())
     return value
+
+
+def noise_once(R: Any, components: Sequence[str] | None) -> Noise:
+    """The noise of one measurement, given with it in numbers.
+
+    Raises:
+        InputError: as `noise`, and for a function.
+    """
+    if callable(R):
+        raise InputError("R of one measurement must be numbers, its covariance or variances; it is a function")
+    return noise("R", R, components, OF_SENSOR)

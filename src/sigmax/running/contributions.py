@@ -17,7 +17,7 @@ from sigmax.models.checks import finite, numbers
 from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused
 from sigmax.models.model import Model
-from sigmax.models.noise import OF_SENSOR, dense_noise, noise
+from sigmax.models.noise import dense_noise, noise_once
 from sigmax.running.fusing import additive, check_inputs
 from sigmax.running.live import Live
 from sigmax.running.message import Contribution
@@ -52,9 +52,7 @@ def contribution(
     if names is None or value.shape != (len(names),):
         raise InputError(f"z must have the shape ({len(names or ())},) for the named components of {sensor!r}")
     finite("z", np.where(np.isnan(value), 0, value))
-    if callable(R):
-        raise InputError("R of one measurement must be numbers, its covariance or variances; it is a function")
-    used = noise("R", R, names, OF_SENSOR) if R is not None else model.R[sensor]
+    used = noise_once(R, names) if R is not None else model.R[sensor]
     time = None if time is None else float(numbers("time", time))
     seen = ~np.isnan(value)
     if space == "state":

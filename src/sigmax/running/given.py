@@ -9,7 +9,7 @@ from sigmax.models.checks import finite, numbers
 from sigmax.models.fusion import inputs_behind
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.models.noise import OF_SENSOR, noise
+from sigmax.models.noise import noise_once
 from sigmax.running.edge import cast
 from sigmax.running.functions import check_functions, counted
 
@@ -70,9 +70,7 @@ class Given:
         """The noise of one measurement, None where it is the model's."""
         if R is None:
             return None
-        if callable(R):
-            raise InputError("R of one measurement must be numbers, its covariance or variances; it is a function")
-        return cast(noise("R", R, self._model.measurement[sensor], OF_SENSOR), self._dtype)
+        return cast(noise_once(R, self._model.measurement[sensor]), self._dtype)
 
     def inputs(self, u: Any, what: str, sensor: str | None = None) -> np.ndarray | None:
         """The inputs of a motion or a sensor, None where neither takes any."""
@@ -86,7 +84,7 @@ class Given:
             raise InputError(f"the {what} takes inputs; give u=")
         value = np.asarray(numbers("u", u), self._dtype)
         finite("u", value)
-        own = value.shape[-1] - (inputs_behind(self._asked) if self._asked.fusion else 0)
+        own = value.shape[-1] - inputs_behind(self._asked)
         if own != self._checked:
             self._check(value[..., :own])
             self._checked = own
