@@ -88,11 +88,13 @@ def test_the_engines_agree_on_every_pair(filter, name):
 
 
 @pytest.mark.parametrize("filter", ["SRCKFB", "EKF", "EIF", "SREUKFB"])
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-def test_batch_loop_and_live_are_alike_bit_for_bit(filter, dtype):
+@pytest.mark.parametrize(
+    ("name", "dtype"), [("radar-ct", "float64"), ("radar-ct", "float32"), ("radar-offset", "float64")]
+)
+def test_batch_loop_and_live_are_alike_bit_for_bit(filter, name, dtype):
     if dtype == "float32" and filter in ("EKF", "EIF"):
         pytest.skip("the covariance and information forms need double precision here")
-    made, z, _ = record("radar-ct", tracks=19, steps=12)
+    made, z, _ = record(name, tracks=19, steps=12)
     batch = sigmax.run(filter, made.model, made.prior, z, dt=made.dt, dtype=dtype, backend="native")
     for k in (0, 7, 8, 18):
         alone = sigmax.run(filter, made.model, made.prior, z[k], dt=made.dt, dtype=dtype, backend="native")

@@ -116,10 +116,8 @@ class Smoothed:
         return self._covariance(self.layout.own)
 
     def _covariance(self, rows: slice) -> Any:
-        if not self.layout.bias:
-            return covariances(self._out(self.stored_factor, "factor"))
-        S = self._rows(rows)
-        return S @ S.swapaxes(-1, -2)
+        # Of state and bias together, though one of them is asked for: the same sums in the same order as live.
+        return covariances(self._out(self.stored_factor, "factor"))[..., rows, rows]
 
     @property
     def std(self) -> Any:
