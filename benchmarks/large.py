@@ -25,25 +25,26 @@ BEGIN, END = "<!-- large models: written by large.py -->", "<!-- end of large mo
 
 
 def model(n: int, m: int) -> sigmax.Model:
-    """A chain of n components, each moved by its neighbour, with m distances measured: nothing in it is linear."""
+    """A ring of n components, each moved by its neighbour, with m distances measured: nothing in it is linear."""
 
     def motion(x: Any, dt: Any) -> Any:
         return x + dt * 0.1 * jnp.sin(jnp.roll(x, -1)) * jnp.cos(x) - 0.05 * dt * x
 
     def sensor(x: Any) -> Any:
-        return jnp.stack([jnp.sqrt(1 + x[2 * i] ** 2 + x[2 * i + 1] ** 2) for i in range(m)])
+        pairs = [(x[2 * i % n], x[(2 * i + 1) % n]) for i in range(m)]
+        return jnp.stack([jnp.sqrt(1 + a**2 + b**2) for a, b in pairs])
 
     return sigmax.Model(motion=motion, sensor=sensor, Q=np.full(n, 0.01), R=np.full(m, 0.1))
 
 
 def measured(filter: str, n: int, m: int) -> tuple[str, ...]:
     """A row of the table; the cache on disk must be empty."""
-    chain, prior = model(n, m), sigmax.Gaussian(np.ones(n), np.eye(n))
+    ring, prior = model(n, m), sigmax.Gaussian(np.ones(n), np.eye(n))
     z = np.random.default_rng(0).normal(1.5, 1.0, (TRACKS, STEPS, m))
 
     def seconds(tracks: int) -> float:
         start = time.perf_counter()
-        result = sigmax.run(filter, chain, prior, z[:tracks], keep=("mean", "fault"), backend="native")
+        result = sigmax.run(filter, ring, prior, z[:tracks], keep=("mean", "fault"), backend="native")
         elapsed = time.perf_counter() - start
         assert result.ok.all()
         return elapsed

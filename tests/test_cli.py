@@ -5,10 +5,8 @@ import io
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -171,46 +169,6 @@ def test_an_interruption_leaves_nothing_half_written(
             reports.write(folder, record, outcomes, scores)
     assert [p.name for p in tmp_path.iterdir()] == ["old"]
     assert {p.name: p.read_bytes() for p in old.iterdir()} == before
-
-
-def test_ctrl_c_ends_a_run_without_a_trace(tmp_path: Path) -> None:
-    write_radar(tmp_path)
-    (tmp_path / "slow.py").write_text(
-        "import pathlib, time\n"
-        "def motion(x, dt):\n"
-        "    pathlib.Path('started').touch()\n"
-        "    time.sleep(60)\n"
-        "    return x\n"
-    )
-    description = (tmp_path / "radar.toml").read_text()
-    (tmp_path / "radar.toml").write_text(
-        re.sub(
-            r"(?s)\[motion\].*?(?=\[sensors)",
-            '[motion]\nkind = "slow.py:motion"\n'
-            'state = { north = "m", east = "m", vnorth = "m/s", veast = "m/s" }\n'
-            "noise = { north = 1, east = 1, vnorth = 1, veast = 1 }\n\n",
-            description,
-        )
-    )
-    before = sorted(p.name for p in tmp_path.iterdir())
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sigmax.cli", "track", "radar.toml", "-f", "EKF"],
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        text=True,
-        # A test that runs in the background would hand on that it ignores the signal.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    for _ in range(600):
-        if (tmp_path / "started").exists():
-            break
-        time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=60)
-    assert process.returncode in (130, -signal.SIGINT)
-    assert "Traceback" not in told
-    left = {p.name for p in tmp_path.iterdir()} - {"started", "__pycache__"}
-    assert sorted(left) == before
 
 
 def test_a_filter_that_fails_is_a_row_and_the_others_go_on(

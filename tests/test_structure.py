@@ -15,6 +15,8 @@ SOURCE = ROOT / "src" / "sigmax"
 FILES = sorted(SOURCE.rglob("*.py"))
 ORDER = [
     "errors",
+    "signals",
+    "ownership",
     "native",
     "algebra",
     "dependence",

@@ -212,7 +212,7 @@ def test_the_real_map_lies_north_up():
 def test_the_command_leaves_a_report_with_the_map(tmp_path, monkeypatch):
     from typer.testing import CliRunner
 
-    from sigmax.cli import app
+    from sigmax.cli.app import app
 
     monkeypatch.chdir(tmp_path)
     ground = hills(24)

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from sigmax import InputError
-from sigmax.cli import app
+from sigmax.cli.app import app
 from sigmax.reports.comparison import page, standings, verdict
 from sigmax.reports.comparison.labels import lifted
 from sigmax.studies import compare, load_studies

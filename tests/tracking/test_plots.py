@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import sigmax
-from sigmax.cli import app
+from sigmax.cli.app import app
 from sigmax.errors import InputError
 from sigmax.records import load_plots
 from sigmax.tracking import Tracker, quality

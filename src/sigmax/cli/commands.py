@@ -1,10 +1,11 @@
 """Commands of the cheap transform, of terrain-aided navigation and of the service; slow loads are inside."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from sigmax.signals import say_on_signal
 
 
 def terrain_command(
@@ -27,13 +28,10 @@ def terrain_command(
 
     Example: sigmax terrain jacksboro --filter EKF --filter CKF:permute=1 --out runs/fault
     """
+    say_on_signal("nothing was written")
     from sigmax.cli.terrain import fly
 
-    try:
-        fly(map, filter or [], out, method, flights, seed)
-    except KeyboardInterrupt:
-        print("sigmax: interrupted; nothing was written", file=sys.stderr)
-        raise typer.Exit(130) from None
+    fly(map, filter or [], out, method, flights, seed)
 
 
 def explain_command(

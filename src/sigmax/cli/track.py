@@ -1,15 +1,14 @@
 """`sigmax track`."""
 
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from sigmax.cli import NO_RESULT
 from sigmax.cli.plots import track_plots
 from sigmax.cli.progress import progress_on
 from sigmax.records import Outcome, Record, check, load, load_plots, parse_trial, track
@@ -24,7 +23,7 @@ def track_record(name: str | Record, filters: Sequence[str], out: Path | None, d
 
     Raises:
         InputError: before any filter runs, for whatever does not fit.
-        SystemExit: with status 1 where every filter failed; nothing is written then.
+        SystemExit: with status 1 where every filter failed or broke down at every step.
     """
     console, errors = Console(), Console(stderr=True)
     trials = tuple(dict.fromkeys(parse_trial(text) for text in filters))
@@ -40,52 +39,35 @@ def track_record(name: str | Record, filters: Sequence[str], out: Path | None, d
         check_folder(folder)
         check(record, trials)
     outcomes: list[Outcome] = []
-    with _interruptible() as heed, progress_on(errors) as progress:
+    with progress_on(errors) as progress:
         task = progress.add_task("", total=len(trials))
         for trial in trials:
             progress.update(task, description=escape(f"{record.name}: {record.label(trial)}"))
             outcomes.append(track(record, trial))
-            heed()
             progress.advance(task)
         progress.update(task, description="writing the report")
         scores = [score(record, outcome) for outcome in outcomes]
-        worked = any(outcome.result is not None for outcome in outcomes)
-        heed()
-        if worked:
+        if any(outcome.result is not None for outcome in outcomes):
             write(folder, record, outcomes, scores)
     console.print(_table(record, scores))
     headline, sentences = verdict(scores)
     console.print(f"\n[bold]{escape(headline)}[/bold]", highlight=False)
     for sentence in sentences:
         console.print(escape(sentence), highlight=False)
-    if not worked:
-        raise SystemExit(1)
-    console.print(f"\nReport: {escape(str(folder / 'report.html'))}", highlight=False, soft_wrap=True)
+    if any(outcome.result is not None for outcome in outcomes):
+        console.print(f"\nReport: {escape(str(folder / 'report.html'))}", highlight=False, soft_wrap=True)
+    if not any(_worked(record, outcome) for outcome in outcomes):
+        errors.print("sigmax: no filter gave a result: none could correct with any measurement", highlight=False)
+        raise SystemExit(NO_RESULT)
 
 
-@contextmanager
-def _interruptible() -> Iterator[Callable[[], None]]:
-    """Gives a check to be made between long pieces of work.
-
-    An interrupt that comes while a compiler is at work is raised wherever Python wakes up next, at worst
-    in a callback that swallows it: it is remembered, and the check raises it again.
-    """
-    told = False
-
-    def interrupted(number: int, frame: FrameType | None) -> None:
-        nonlocal told
-        told = True
-        raise KeyboardInterrupt
-
-    def heed() -> None:
-        if told:
-            raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, interrupted)
-    try:
-        yield heed
-    finally:
-        signal.signal(signal.SIGINT, before)
+def _worked(record: Record, outcome: Outcome) -> bool:
+    """Whether a filter corrected with a measurement anywhere, or none broke down for want of any."""
+    if outcome.result is None:
+        return False
+    by_sensor = record.z.values() if isinstance(record.z, dict) else [record.z]
+    measured = record.real & np.any([~np.isnan(z).all(-1) for z in by_sensor], axis=0)
+    return bool(outcome.result.ok[measured].any() or outcome.result.ok[record.real].all())
 
 
 def _table(record: Record, scores: Sequence[Score]) -> Table:

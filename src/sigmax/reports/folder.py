@@ -2,9 +2,7 @@
 
 import json
 import os
-import shutil
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ import sigmax
 from sigmax.errors import InputError
 from sigmax.records import Outcome, Record
 from sigmax.reports.page import page
+from sigmax.reports.replaced import replaced
 from sigmax.reports.score import Score
 from sigmax.reports.told import told
 from sigmax.reports.verdict import grade, verdict
@@ -57,39 +56,6 @@ def _ours(folder: Path) -> bool:
         return not path.exists() or "sigmax" in json.loads(path.read_text(encoding="utf-8"))["versions"]
     except (OSError, ValueError, KeyError, TypeError):
         return False
-
-
-@contextmanager
-def replaced(folder: Path) -> Iterator[Path]:
-    """A folder to write into that takes the place of `folder` at the end, whole or not at all.
-
-    Raises:
-        InputError: where the disk does not take it.
-    """
-    folder = folder.absolute()
-    made = [p for p in folder.parents if not p.exists()]
-    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
-    old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
-    try:
-        part.mkdir(parents=True)
-        yield part
-        if folder.exists():
-            folder.rename(old)
-        part.rename(folder)
-    except BaseException as error:
-        # An interruption counts too: what was there before stays, what was begun goes.
-        shutil.rmtree(part, ignore_errors=True)
-        if old.exists() and not folder.exists():
-            old.rename(folder)
-        for above in made:
-            if above.is_dir() and not any(above.iterdir()):
-                above.rmdir()
-        if isinstance(error, OSError):
-            raise InputError(f"{folder} could not be written: {error}") from error
-        raise
-    finally:
-        if folder.exists():
-            shutil.rmtree(old, ignore_errors=True)
 
 
 def write_json(path: Path, content: Any) -> None:

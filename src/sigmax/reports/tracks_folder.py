@@ -7,8 +7,9 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-from sigmax.reports.folder import check_folder, replaced, versions, write_json
+from sigmax.reports.folder import check_folder, versions, write_json
 from sigmax.reports.followed import Followed, summary_of
+from sigmax.reports.replaced import replaced
 from sigmax.reports.tracks_page import tracks_page
 
 TRACK_FILES = ("tracks.parquet", "summary.json", "report.html")

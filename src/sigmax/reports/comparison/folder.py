@@ -11,7 +11,8 @@ import pandas as pd
 from sigmax.reports.comparison.page import page
 from sigmax.reports.comparison.pictures import pictures
 from sigmax.reports.comparison.standing import standings, verdict
-from sigmax.reports.folder import replaced, versions, write_json
+from sigmax.reports.folder import versions, write_json
+from sigmax.reports.replaced import replaced
 from sigmax.studies import Comparison, Figure, Measures
 from sigmax.studies.progress import FILE
 
