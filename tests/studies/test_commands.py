@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from sigmax import InputError
 from sigmax.cli.app import app
-from sigmax.reports.comparison import page, standings, verdict
+from sigmax.reports.comparison import Word, page, standings, verdict
 from sigmax.reports.comparison.labels import lifted
 from sigmax.studies import compare, load_studies
 from sigmax.studies.load import parsed_filters
@@ -55,7 +55,7 @@ def test_a_study_of_ones_own_from_the_command_line(folder):
     done = told("compare", "own.py:model", "-f", "EKF SRCKFB", "--runs", "100", "--out", "out")
     assert done.exit_code == 0, done.output
     assert "SRCKFB" in done.output
-    assert "Take " in done.output
+    assert "100 runs are too few for a verdict" in " ".join(done.output.split())
     inside = folder / "out"
     assert {p.name for p in inside.iterdir()} == {
         "report.html",
@@ -74,9 +74,14 @@ def test_a_study_of_ones_own_from_the_command_line(folder):
     last = table[(table["filter"] == "EKF") & (table["component"] == "speed") & (table["time"] == 100.0)]
     assert last["rmse"].item() == summary["rmse"]["EKF"]["speed"]["100"]
     # Again, with more runs: the sums are continued, the folder replaced.
-    again = told("compare", "own.py:model", "-f", "EKF", "-f", "SRCKFB", "--runs", "300", "--out", "out")
+    assert summary["verdicts"]["EKF"]["verdict"] == "not known"
+    assert summary["verdicts"]["EKF"]["runs_that_would_tell"] <= 1000
+    again = told("compare", "own.py:model", "-f", "EKF", "-f", "SRCKFB", "--runs", "1000", "--out", "out")
     assert again.exit_code == 0
-    assert json.loads((inside / "summary.json").read_text())["runs"] == 300
+    assert "Take " in again.output
+    summary = json.loads((inside / "summary.json").read_text())
+    assert summary["runs"] == 1000
+    assert summary["verdicts"]["EKF"]["verdict"] == "sound"
 
 
 def test_a_study_as_toml(folder):
@@ -158,15 +163,16 @@ def test_the_lists_name_everything(folder):
 
 @pytest.fixture(scope="module")
 def compared():
-    study = scalar(particles=60, optimum_runs=256, mirror=lambda x: -x, title="A <bent> & scalar problem")
-    return compare(study, ["EKF", "PF", "KF"], runs=256)
+    study = scalar(particles=60, optimum_runs=256, title="A <bent> & scalar problem")
+    return compare(study, ["EKF", "PF", "KF"], runs=1024)
 
 
 def test_the_verdict_follows_its_rules(compared):
     found = {s.name: s for s in standings(compared)}
     assert found["KF"].failure
-    assert found["PF"].sound
+    assert found["PF"].word is Word.SOUND
     assert 0.95 < found["PF"].distance < 1.2
+    assert 0.9 < found["PF"].middle < 1.2
     headline, sentences = verdict(compared)
     assert headline.startswith("Take ")
     assert "the optimum" in headline

@@ -10,7 +10,8 @@ from rich.table import Table
 
 from sigmax.cli.progress import progress_on
 from sigmax.errors import InputError
-from sigmax.reports.comparison import Standing, files, standings, verdict, write
+from sigmax.reports.comparison import Standing, Word, files, standings, verdict, write
+from sigmax.reports.comparison.verdict import times
 from sigmax.reports.folder import check_folder
 from sigmax.reports.verdict import significant
 from sigmax.studies import Comparison, compare, load_studies
@@ -120,11 +121,11 @@ def _print(console: Console, c: Comparison) -> None:
     )
     # Sentences wrap before names do.
     table.add_column("filter", overflow="fold", min_width=min(28, max(len(s.name) for s in found)))
-    for head in (f"error/{to}", "cost/EKF", "lost", "overclaims"):
+    for head in (f"RMSE/{to}", "median", "cost/EKF", "lost", "outside 95%"):
         table.add_column(head, justify="right", no_wrap=True)
     table.add_column("verdict")
     for s in found:
-        table.add_row(escape(s.name), *_cells(s))
+        table.add_row(escape(s.name), *_cells(s, c))
     console.print(table)
     headline, sentences = verdict(c)
     console.print(f"\n[bold]{escape(headline)}[/bold]", highlight=False)
@@ -132,21 +133,21 @@ def _print(console: Console, c: Comparison) -> None:
         console.print(escape(sentence), highlight=False)
 
 
-def _cells(s: Standing) -> list[str]:
+_COLOUR = {Word.SOUND: "green", Word.NOT_JUDGED: "default", Word.CAUTIOUS: "yellow", Word.UNKNOWN: "yellow"}
+
+
+def _cells(s: Standing, c: Comparison) -> list[str]:
+    word = f"[{_COLOUR.get(s.word, 'red')}]{s.word.value}[/]"
     if s.failure:
-        return ["–", "–", "–", "–", "[red]could not be run[/]"]
-    word = "[green]sound[/]" if s.sound else f"[red]{' and '.join(_faults(s))}[/]"
+        return [*["–"] * 5, word]
     return [
-        "–" if s.distance is None else significant(s.distance, 4),
+        times(s.distance),
+        times(s.middle),
         "–" if s.cost is None else significant(s.cost),
-        f"{100 * s.lost:.2g} %",
-        f"{s.often:.0%}",
+        f"{s.lost} of {int(c.sums[s.name].runs)}",
+        "–" if s.honest is None else f"{s.honest.share:.0%}",
         word,
     ]
-
-
-def _faults(s: Standing) -> list[str]:
-    return [*(["lossy"] if s.lossy else []), *(["overconfident"] if s.overconfident else [])]
 
 
 def print_studies() -> None:

@@ -36,6 +36,10 @@ class Measures(NamedTuple):
         claimed: G~, the mean of the covariances that the filter computed (T, n, n).
         ratio: diagonal of G over that of G~ (T, n), 1 for an honest filter (Stepanov et al., (46)).
         nees: mean of eᵀ P⁻¹ e (T,).
+        typical: NEES per degree of freedom of the run in the middle, over its time: one that a few runs cannot move.
+        far: share of the runs whose NEES is over `FAR_OFF` times what is expected.
+        outside: shares of the runs with the truth outside of the claimed 50 % and 95 % regions (2, T, n + 1), of the
+            whole state and of each component.
         nis: mean of the normalised innovation squared (T,).
         lost: share of the runs lost by reason, and of all of them under "all".
         faults: how many steps had each fault, in the order of `Fault` (9,).
@@ -49,6 +53,9 @@ class Measures(NamedTuple):
     claimed: np.ndarray
     ratio: Figure
     nees: Bounded
+    typical: float
+    far: float
+    outside: np.ndarray
     nis: Bounded
     lost: dict[str, Figure]
     faults: np.ndarray
@@ -83,6 +90,9 @@ def measures(s: Sums) -> Measures:
         claimed,
         Figure(ratio, ratio_error),
         _chi_square(s.nees, s.known, np.broadcast_to(s.runs, s.nees.shape)),
+        float(s.typical / N),
+        float(s.far / N),
+        s.outside / N,
         _chi_square(s.nis, s.dof, s.plots),
         {name: _share(count, N) for name, count in zip((*LOST, "all"), (*s.lost, s.lost.sum()), strict=True)},
         s.faults,

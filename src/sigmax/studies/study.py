@@ -166,6 +166,15 @@ class Study:
         return self.nature is None and self.start is None and self.estimate == "prior"
 
     @property
+    def unasked(self) -> str:
+        """Why it cannot be asked whether a filter errs as it claims, "" where it can."""
+        if self.start is not None and self.estimate == "prior":
+            return "all runs begin with the same truth and the same estimate, so that the first error is no draw"
+        if self.nature is not None and _still(self.nature) and not _still(self.model):
+            return "the truth moves without the noise that the filters suppose"
+        return ""
+
+    @property
     def block(self) -> int:
         """The runs that are made together; numbers depend on it, so it depends on the study alone.
 
@@ -179,6 +188,11 @@ class Study:
                 f"{_FEWEST} runs at once: use at most {_ROOM // (_FEWEST * self.model.size**2)} steps, or a longer dt"
             )
         return int(min(_RUNS, 2 ** int(np.log2(fitting))))
+
+
+def _still(model: Model) -> bool:
+    Q = model.Q
+    return not callable(Q) and not np.any(np.asarray(Q.entries if isinstance(Q, Diagonal) else Q))
 
 
 def undisturbed(model: Model) -> Model:

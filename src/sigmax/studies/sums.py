@@ -6,13 +6,20 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.special import chdtri
 
-from sigmax.algebra.arrays import outer, total, wrap, wrapped
+from sigmax.algebra.arrays import outer, wrap, wrapped
 from sigmax.running.mapped import totals
 from sigmax.running.step import Fault
 
 # Why a run is lost; the first that applies counts.
 LOST = ("failed", "mirrored", "diverged")
+# The regions that a filter claims to hold the truth with these probabilities: it is counted how often they do not.
+LEVELS = (0.5, 0.95)
+# A run is far off if its NEES, on average over its time, is so many times what is expected: errors twice as large.
+FAR_OFF = 4.0
+# A component that is claimed to be known exactly may be off by rounding, as a part of its size.
+_EXACT = 1e-9
 # Errors are counted in bins of asinh(e / δ), δ being this part of the limit: straight near 0, by a few per cent beyond.
 _FINE, _STEP, _BINS = 1e-5, 0.04, 800
 
@@ -57,6 +64,10 @@ class Sums(NamedTuple):
         nees: Σ eᵀ P⁻¹ e (T,).
         nees2: Σ of its square (T,).
         known: Σ of its degrees of freedom (T,): components that are not known exactly.
+        outside: runs with the truth outside of the claimed region of each of `LEVELS` (2, T, n + 1): of the whole
+            state by the chi-square law of eᵀ P⁻¹ e, then of each component by that of e² / P_ii.
+        far: runs that are far off, see `FAR_OFF`.
+        typical: Σ over blocks of (runs × median over runs of the NEES per degree of freedom of a run over its time).
         nis: Σ of the NIS (T,).
         nis2: Σ of its square (T,).
         dof: Σ of its degrees of freedom (T,).
@@ -79,6 +90,9 @@ class Sums(NamedTuple):
     nees: np.ndarray
     nees2: np.ndarray
     known: np.ndarray
+    outside: np.ndarray
+    far: np.ndarray
+    typical: np.ndarray
     nis: np.ndarray
     nis2: np.ndarray
     dof: np.ndarray
@@ -116,26 +130,50 @@ def _terms(angular: tuple[bool, ...]) -> Callable[..., Any]:
         e, S = wrap(mean - truth, angular), jnp.tril(factor)
         P = outer(S, S)
         every = np.arange(n)
-        squares, variances, known = e * e, P[every, every], S[every, every] > 0
-        whitened: list[Any] = []
-        for k in range(n):
-            rest = e[k] - sum(S[k, c] * w for c, w in enumerate(whitened))
-            # One that is known exactly counts for nothing.
-            whitened.append(jnp.where(known[k], rest / jnp.where(known[k], S[k, k], 1.0), 0.0))
-        nees = total([w * w for w in whitened])
+        squares, variances = e * e, P[every, every]
         seen = ~jnp.isnan(nis)
         nis = jnp.where(seen, nis, 0.0)
         products = (e, e[i] * e[j], squares * squares, P[i, j], variances * variances, squares * variances)
-        counted = [
-            jnp.where(known, 1.0, 0.0).sum(),
-            nis,
-            nis * nis,
-            jnp.where(seen, dof, 0.0),
-            jnp.where(seen, 1.0, 0.0),
-        ]
-        return (*products, nees, nees * nees, *counted)
+        return (*products, nis, nis * nis, jnp.where(seen, dof, 0.0), jnp.where(seen, 1.0, 0.0))
 
     return terms
+
+
+class _Claims(NamedTuple):
+    """What a filter claims of its errors, by run and time.
+
+    Attributes:
+        nees: eᵀ P⁻¹ e (B, T).
+        known: its degrees of freedom (B, T).
+        outside: whether the truth is outside of the regions of `LEVELS` (2, B, T, n + 1).
+    """
+
+    nees: np.ndarray
+    known: np.ndarray
+    outside: np.ndarray
+
+
+def _claims(found: Estimated, truth: np.ndarray, angular: np.ndarray) -> _Claims:
+    n = truth.shape[-1]
+    e, S = wrapped(found.mean - truth, angular), np.tril(found.factor)
+    variances = np.einsum("btij,btij->bti", S, S)
+    whitened: list[np.ndarray] = []
+    wrong = np.zeros(e.shape, bool)
+    for k in range(n):
+        rest = e[..., k] - sum((S[..., k, c] * w for c, w in enumerate(whitened)), np.zeros(e.shape[:-1]))
+        exact = ~(S[..., k, k] > 0)
+        # One that is known exactly counts for nothing in the NEES, but it must be right.
+        wrong[..., k] = exact & ~(np.abs(rest) <= _EXACT * (1.0 + np.abs(truth[..., k])))
+        whitened.append(np.where(exact, 0.0, rest / np.where(exact, 1.0, S[..., k, k])))
+    nees = sum((w * w for w in whitened), np.zeros(e.shape[:-1]))
+    known = np.count_nonzero(np.einsum("btii->bti", S) > 0, axis=-1)
+    single = np.where(variances > 0, e**2 / np.where(variances > 0, variances, 1.0), 0.0)
+    outside = []
+    for level in LEVELS:
+        reach = np.array([0.0, *chdtri(np.arange(1, n + 1), 1 - level)])
+        whole = ~(nees <= reach[known]) | wrong.any(-1)
+        outside.append(np.concatenate([whole[..., None], ~(single <= reach[1]) | wrong], axis=-1))
+    return _Claims(nees, known, np.array(outside))
 
 
 def _whole(triangle: np.ndarray, n: int) -> np.ndarray:
@@ -162,8 +200,10 @@ def summed(
     B, n = len(truth), truth.shape[-1]
     angular = tuple(map(bool, by.angular))
     given = (found.mean, found.factor, truth, found.nis, np.asarray(found.dof, float))
-    e, ee, e4, P, p2, e2p, *rest = totals(_terms(angular), *given, backend=backend)
-    *by_time, dof, plots = rest
+    e, ee, e4, P, p2, e2p, nis, nis2, dof, plots = totals(_terms(angular), *given, backend=backend)
+    claims = _claims(found, truth, by.angular)
+    by_run = claims.nees.sum(1) / np.maximum(claims.known.sum(1), 1)
+    by_time = (claims.nees.sum(0), (claims.nees**2).sum(0), claims.known.sum(0))
     near = wrapped(found.mean[:, by.look] - truth[:, by.look], angular)
     medians = np.median(np.abs(near), axis=0)
     bins = np.zeros((*near.shape[1:], _BINS), np.int64)
@@ -172,8 +212,31 @@ def summed(
     np.add.at(bins, (np.broadcast_to(level, place.shape), np.broadcast_to(component, place.shape), place), 1)
     faults = np.array([np.count_nonzero(found.fault == f) for f in Fault])
     lost = _lost(found, wrapped(found.mean[:, -1] - truth[:, -1], angular), mirrored, by)
-    sums = (np.array(B), e, _whole(ee, n), e4, _whole(P, n), p2, e2p, *by_time, dof.astype(int), plots.astype(int))
-    return Sums._make([*sums, B * medians, B * medians**2, np.array(1), lost, faults, bins])
+    return Sums(
+        runs=np.array(B),
+        e=e,
+        ee=_whole(ee, n),
+        e4=e4,
+        P=_whole(P, n),
+        p2=p2,
+        e2p=e2p,
+        nees=by_time[0],
+        nees2=by_time[1],
+        known=by_time[2],
+        outside=claims.outside.sum(1),
+        far=np.array(np.count_nonzero(~(by_run <= FAR_OFF))),
+        typical=B * np.median(by_run),
+        nis=nis,
+        nis2=nis2,
+        dof=dof.astype(int),
+        plots=plots.astype(int),
+        median=B * medians,
+        median2=B * medians**2,
+        blocks=np.array(1),
+        lost=lost,
+        faults=faults,
+        bins=bins,
+    )
 
 
 def _lost(found: Estimated, last: np.ndarray, mirrored: np.ndarray | None, by: Yardsticks) -> np.ndarray:

@@ -1,11 +1,12 @@
 """The figures of a study, as the dictionaries that plotly.js draws."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.stats import binom
 
 from sigmax.reports.comparison.labels import placed
-from sigmax.reports.comparison.standing import Standing
+from sigmax.reports.comparison.standing import Standing, Word
 from sigmax.reports.figures.draw import INK, MUTED, TRUTH, Figure, colour, line, pale, plain, safe
 from sigmax.reports.thin import stride
 from sigmax.studies import Comparison, Measures
@@ -36,8 +37,35 @@ def label(c: Comparison, component: int) -> str:
     return f"{c.study.model.state[component]}{f' [{unit}]' if unit else ''}"
 
 
+def readable(c: Comparison) -> list[str]:
+    """The filters that axes are made for: those that do not lose most of their runs, or all where all do."""
+    kept = [name for name, s in c.sums.items() if 2 * s.lost.sum() <= s.runs]
+    return kept or list(c.sums)
+
+
+def named(c: Comparison, name: str) -> str:
+    """A filter for a legend: with the runs it loses where those are most of them."""
+    if name in readable(c):
+        return name
+    return f"{name} (lost {int(c.sums[name].lost.sum()):,} of {int(c.sums[name].runs):,})"
+
+
+def reach(values: Sequence[np.ndarray], logarithmic: bool) -> tuple[float, float] | None:
+    """The ends of an axis on which all of these can be read, logarithms of them where asked for; None without any."""
+    flat = np.concatenate([np.ravel(v) for v in values]) if values else np.empty(0)
+    flat = flat[np.isfinite(flat) & ((flat > 0) | (not logarithmic))]
+    if not len(flat):
+        return None
+    low, high = (float(v) for v in (flat.min(), flat.max()))
+    if logarithmic:
+        low, high = float(np.log10(low)), float(np.log10(high))
+    margin = 0.05 * (high - low) or 0.5
+    return low - margin, high + margin
+
+
 def _styled(c: Comparison, name: str, x: np.ndarray, y: np.ndarray) -> Figure:
-    drawn = line(name, x, y, shade(c, name), width=1.8)
+    faint = 1.0 if name in readable(c) else 0.45
+    drawn = line(named(c, name), x, y, shade(c, name), width=1.8, opacity=faint)
     # More filters than colours: the line tells them apart.
     drawn["line"]["dash"] = _DASHES[list(c.filters).index(name) // 8 % len(_DASHES)]
     return drawn
@@ -52,16 +80,22 @@ def curve_figures(c: Comparison) -> dict[str, Figure]:
         factor, unit = shown_unit(c, i)
         for measure, title in CURVES.items():
             scale = 1.0 if measure == "ratio" else factor
-            data = []
+            data, kept = [], []
             for name, m in c.measures.items():
                 value, error = _curve(m, measure, i)
+                if name in readable(c):
+                    kept.append(scale * value[few])
                 drawn = _styled(c, name, time, scale * value[few])
                 drawn["customdata"] = plain(scale * error[few])
                 drawn["hovertemplate"] = f"{safe(name)}: %{{y:.4g}} ± %{{customdata:.2g}}<extra></extra>"
                 data.append(drawn)
-            data += _references(c, measure, i, scale, few)
+            references = _references(c, measure, i, scale, few)
+            data += references
             positive = measure != "bias"
-            axis = {"title": {"text": safe(f"{title}{f' [{unit}]' if unit and measure != 'ratio' else ''}")}}
+            axis: Figure = {"title": {"text": safe(f"{title}{f' [{unit}]' if unit and measure != 'ratio' else ''}")}}
+            ends = reach([*kept, *(np.array(r["y"], float) for r in references)], positive)
+            if ends is not None and len(kept) < len(c.measures):
+                axis["range"] = list(ends)
             made[f"curves/{measure}/{i}"] = {
                 "data": data,
                 "layout": {
@@ -97,33 +131,43 @@ def _references(c: Comparison, measure: str, i: int, scale: float, few: np.ndarr
 
 
 def consistency_figures(c: Comparison) -> dict[str, Figure]:
-    """NEES and NIS over time with their bounds, under "consistency/{which}"."""
-    few = stride(len(c.study.time), _POINTS)
-    time = c.study.time[few]
-    made = {}
+    """The share outside of the claimed region, NEES and NIS over time with bounds, under "consistency/{which}"."""
+    made = {"consistency/outside": _outside_figure(c)}
     for which, title in (("nees", "NEES per component"), ("nis", "NIS per measured component")):
-        data: list[Figure] = []
-        first = next(iter(c.measures.values()))
-        bounds = getattr(first, which)
-        known = np.flatnonzero(np.isfinite(bounds.low[few]) & (bounds.expected[few] > 0))
-        at = few[known]
-        edges = np.concatenate([(bounds.high / bounds.expected)[at], (bounds.low / bounds.expected)[at][::-1]])
-        band = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "fill": "toself", "hoverinfo": "skip"}
-        x = [*plain(time[known]), *plain(time[known][::-1])]
-        data.append(band | {"x": x, "y": plain(edges), "fillcolor": pale(MUTED, 0.2), "name": "95 % bounds"})
-        for name, m in c.measures.items():
-            told = getattr(m, which)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                data.append(_styled(c, name, time, (told.value / told.expected)[few]))
-        made[f"consistency/{which}"] = {
-            "data": data,
-            "layout": {
-                "xaxis": {"title": {"text": "time [s]"}},
-                "yaxis": {"title": {"text": title}, "type": "log", "exponentformat": "power"},
-                "height": 420,
-            },
-        }
+        bounds = getattr(next(iter(c.measures.values())), which)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            low, high = (edge / bounds.expected for edge in (bounds.low, bounds.high))
+            curves = {name: getattr(m, which).value / getattr(m, which).expected for name, m in c.measures.items()}
+        ends = reach([low, high, *(curves[name] for name in readable(c))], True)
+        axis: Figure = {"title": {"text": title}, "type": "log", "exponentformat": "power"}
+        made[f"consistency/{which}"] = _banded(c, low, high, curves, axis | ({"range": list(ends)} if ends else {}))
     return made
+
+
+def _outside_figure(c: Comparison) -> Figure:
+    """Runs with the truth outside of the claimed 95 % region of the whole state."""
+    runs = int(next(iter(c.sums.values())).runs)
+    low, high = (np.full(c.study.steps, v) for v in _honest_band(runs))
+    curves = {name: m.outside[1, :, 0] for name, m in c.measures.items()}
+    axis = {"title": {"text": "share of the runs outside of 95 %"}, "tickformat": ".0%", "rangemode": "tozero"}
+    return _banded(c, low, high, curves, axis)
+
+
+def _honest_band(runs: int) -> tuple[float, float]:
+    """Between what shares of runs those of an honest filter lie at 95 of 100 times."""
+    return float(binom.ppf(0.025, runs, 0.05) / runs), float(binom.ppf(0.975, runs, 0.05) / runs)
+
+
+def _banded(c: Comparison, low: np.ndarray, high: np.ndarray, curves: Mapping[str, np.ndarray], axis: Figure) -> Figure:
+    """Curves of the filters over time before a grey band."""
+    few = stride(len(c.study.time), _POINTS)
+    known = few[np.isfinite(low[few]) & np.isfinite(high[few])]
+    band = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "fill": "toself", "hoverinfo": "skip"}
+    x = [*plain(c.study.time[known]), *plain(c.study.time[known][::-1])]
+    edges = np.concatenate([high[known], low[known][::-1]])
+    data: list[Figure] = [band | {"x": x, "y": plain(edges), "fillcolor": pale(MUTED, 0.2), "name": "95 % bounds"}]
+    data += [_styled(c, name, c.study.time[few], curve[few]) for name, curve in curves.items()]
+    return {"data": data, "layout": {"xaxis": {"title": {"text": "time [s]"}}, "yaxis": axis, "height": 420}}
 
 
 def histogram_figures(c: Comparison) -> dict[str, Figure]:
@@ -137,11 +181,11 @@ def histogram_figures(c: Comparison) -> dict[str, Figure]:
                 claimed = float(np.sqrt(m.claimed[step, i, i]))
                 real = float(m.rmse.value[step, i])
                 # Wide enough for the bulk of the errors; a few runs far off must not flatten the picture.
-                reach = 4 * max(claimed, min(real, 4 * float(m.median.value[t, i])))
-                if not (np.isfinite(reach) and reach > 0):
+                width = 4 * max(claimed, min(real, 4 * float(m.median.value[t, i])))
+                if not (np.isfinite(width) and width > 0):
                     continue
-                density, edges = histogram(s.bins[t, i], float(c.by.scale[t, i]), reach)
-                x = np.linspace(-reach, reach, 121)
+                density, edges = histogram(s.bins[t, i], float(c.by.scale[t, i]), width)
+                x = np.linspace(-width, width, 121)
                 bell = claimed_density(x, claimed)
                 made[f"histogram/{k}/{i}/{t}"] = {
                     "data": [
@@ -164,12 +208,17 @@ def histogram_figures(c: Comparison) -> dict[str, Figure]:
     return made
 
 
+def symbol(s: Standing) -> str:
+    """The mark of a filter in the chart: to take, not known, to avoid."""
+    return "circle" if s.word.usable else "circle-open" if s.word is Word.UNKNOWN else "x-open"
+
+
 def trade_figure(c: Comparison, found: Sequence[Standing]) -> Figure:
     """Cost against accuracy: down and to the left is better."""
     data, names = [], []
     for place, lines in placed(found):
         s = place.standing
-        mark = {"color": shade(c, s.name), "size": 13, "symbol": "circle" if s.sound else "x-open"}
+        mark = {"color": shade(c, s.name), "size": 13, "symbol": symbol(s)}
         names.append(
             {
                 "text": safe(s.name),

@@ -10,7 +10,8 @@ import pandas as pd
 
 from sigmax.reports.comparison.page import page
 from sigmax.reports.comparison.pictures import pictures
-from sigmax.reports.comparison.standing import standings, verdict
+from sigmax.reports.comparison.standing import Standing, standings
+from sigmax.reports.comparison.verdict import facet, verdict
 from sigmax.reports.folder import versions, write_json
 from sigmax.reports.replaced import replaced
 from sigmax.studies import Comparison, Figure, Measures
@@ -63,6 +64,8 @@ def summary(c: Comparison) -> dict[str, Any]:
         "title": c.study.title,
         "verdict": headline,
         "because": sentences,
+        "verdicts": {name: _verdict(s, c) for name, s in found.items()},
+        "not_judged": c.study.unasked or None,
         "runs": c.runs,
         "escaped": c.escaped,
         "seed": c.seed,
@@ -75,6 +78,7 @@ def summary(c: Comparison) -> dict[str, Any]:
         "median_error": {name: looked(m.median.error) for name, m in c.measures.items()},
         "real_over_claimed": {name: by_component(m.ratio.value) for name, m in c.measures.items()},
         "nees": {name: _by_time(m.nees.value, times) for name, m in c.measures.items()},
+        "outside_95": {name: _by_time(m.outside[1, :, 0], times) for name, m in c.measures.items()},
         "nis": {name: _by_time(m.nis.value, times) for name, m in c.measures.items()},
         "lost": {name: _number(m.lost["all"].value) for name, m in c.measures.items()},
         "lost_by_reason": {
@@ -88,6 +92,7 @@ def summary(c: Comparison) -> dict[str, Any]:
         "evaluations": {name: list(cost.evaluations) for name, cost in c.costs.items()},
         "compile_seconds": {name: _number(seconds) for name, seconds in c.prepared.items()},
         "distance": {name: _number(s.distance) for name, s in found.items()},
+        "distance_of_medians": {name: _number(s.middle) for name, s in found.items()},
         "distance_to": "optimum" if c.optimum is not None else "best",
         "optimum": None if c.optimum is None else by_component(c.optimum.check.rmse.value),
         "bound": None if c.bound is None else by_component(c.bound),
@@ -95,6 +100,19 @@ def summary(c: Comparison) -> dict[str, Any]:
         **(c.study.extra() if c.study.extra is not None else {}),
         "versions": versions(),
     }
+
+
+def _verdict(s: Standing, c: Comparison) -> dict[str, Any]:
+    """What is said of one filter, and where its errors are worst in comparison with what it claims."""
+    about: dict[str, Any] = {"verdict": s.word.value, "runs_that_would_tell": s.needed}
+    if s.failure:
+        return about
+    about |= {"lost": s.lost, "runs": int(c.sums[s.name].runs), "nees_of_the_middle_run": _number(s.typical)}
+    if s.honest is not None:
+        step = s.honest.step
+        at = None if step is None else float(c.study.time[step])
+        about["outside_95"] = {"of": facet(s, c), "share": s.honest.share, "limit": s.honest.limit, "time": at}
+    return about
 
 
 def _by_time(of: np.ndarray, times: dict[str, int]) -> dict[str, Any]:
@@ -127,6 +145,8 @@ def measures_table(c: Comparison) -> pd.DataFrame:
         columns |= {"median": median[0].ravel(), "median_error": median[1].ravel()}
         columns["real_std"] = np.sqrt(np.einsum("tii->ti", m.real)).ravel()
         columns["claimed_std"] = np.sqrt(np.einsum("tii->ti", m.claimed)).ravel()
+        columns["outside_95"] = m.outside[1, :, 1:].ravel()
+        columns["outside_95_whole"] = np.repeat(m.outside[1, :, 0], n)
         for measure in ("nees", "nis"):
             told = getattr(m, measure)
             for field, value in told._asdict().items():

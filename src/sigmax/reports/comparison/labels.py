@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sigmax.reports.comparison.standing import Standing
+from sigmax.reports.comparison.standing import FAR, Standing
 
 # A line of text, and a letter, in parts of the height and of the width of a chart.
 _LINE, _LETTER = 0.037, 0.0125
@@ -24,7 +24,7 @@ def placed(found: Sequence[Standing]) -> list[tuple[Place, int]]:
     places = [
         Place(s, s.cost, s.distance)
         for s in found
-        if s.cost is not None and s.distance is not None and np.isfinite(s.distance)
+        if s.cost is not None and s.distance is not None and s.distance <= FAR
     ]
     height = [float(np.log(p.distance)) for p in places]
     return list(zip(places, lifted([p.cost for p in places], height, [p.standing.name for p in places]), strict=True))

@@ -15,7 +15,8 @@ from sigmax.reports.comparison.figures import (
     shade,
     trade_figure,
 )
-from sigmax.reports.comparison.standing import RULES, Standing, standings, verdict
+from sigmax.reports.comparison.standing import FAR, Standing, Word, standings
+from sigmax.reports.comparison.verdict import RULES, facet, times, verdict
 from sigmax.reports.document import choices, document, place, section, table
 from sigmax.reports.figures.draw import Figure
 from sigmax.reports.folder import versions
@@ -48,16 +49,22 @@ def _one(c: Comparison, mark: str) -> tuple[list[str], dict[str, Figure]]:
     if c.measures:
         figures = {"trade": trade_figure(c, found), **curve_figures(c), **consistency_figures(c)}
         figures |= histogram_figures(c)
-        sections += [_trade(c, mark), _curves(c, mark), _consistency(c, mark), _histograms(c, mark)]
+        sections += [_trade(found, mark), _curves(c, mark), _consistency(c, mark), _histograms(c, mark)]
         sections += [_lost(c), _cost(c)]
     sections.append(_settings(c))
     return sections, figures
 
 
+_CLASS = {Word.SOUND: "good", Word.NOT_JUDGED: "", Word.CAUTIOUS: "near", Word.UNKNOWN: "near"}
+
+
 def _verdict(c: Comparison, found: Sequence[Standing]) -> str:
     headline, sentences = verdict(c)
     items = "".join(f"<li>{escape(s)}</li>" for s in sentences)
-    kind = "verdict" if any(s.sound for s in found) else "verdict none"
+    words = {s.word for s in found}
+    kind = "verdict" if words & {Word.SOUND, Word.NOT_JUDGED} else "verdict none"
+    if kind != "verdict" and words & {Word.CAUTIOUS, Word.UNKNOWN}:
+        kind = "verdict open"
     return f'<section class="{kind}"><p class="lead">{escape(headline)}</p><ul>{items}</ul></section>'
 
 
@@ -67,28 +74,23 @@ def _named(c: Comparison, name: str) -> str:
 
 def _table(c: Comparison, found: Sequence[Standing]) -> str:
     to = "optimum" if c.optimum is not None else "best"
-    heads = ["filter", f"error / {to}", "cost / EKF", "lost", "overclaims", "verdict"]
+    heads = ["filter", f"RMSE / {to}", f"median / {to}", "cost / EKF", "lost", "outside 95 %", "verdict"]
     rows = []
     for s in found:
+        word = f'<span class="{_CLASS.get(s.word, "bad")}">{s.word.value}</span>'
         if s.failure:
-            rows.append([_named(c, s.name), *["–"] * 4, '<span class="bad">could not be run</span>'])
+            rows.append([_named(c, s.name), *["–"] * 5, word])
             continue
-        word = (
-            "sound"
-            if s.sound
-            else " and ".join([*(["lossy"] if s.lossy else []), *(["overconfident"] if s.overconfident else [])])
-        )
-        worst = (
-            f'<span>{s.often:.0%}<span class="small">of the time: {escape(s.where)}</span></span>' if s.often else "0 %"
-        )
+        lost = f"{s.lost:,} of {int(c.sums[s.name].runs):,}"
         rows.append(
             [
                 _named(c, s.name),
-                "–" if s.distance is None else significant(s.distance, 4),
+                times(s.distance),
+                times(s.middle),
                 "–" if s.cost is None else significant(s.cost),
-                f"{100 * s.lost:.2g} %",
-                worst,
-                f'<span class="{"good" if s.sound else "bad"}">{word}</span>',
+                f'<span class="bad">{lost}</span>' if s.word is Word.LOSSY else lost,
+                _outside(c, s),
+                word,
             ]
         )
     rules = "".join(f"<p>{escape(rule)}</p>" for rule in RULES)
@@ -96,10 +98,20 @@ def _table(c: Comparison, found: Sequence[Standing]) -> str:
     return section("Filters", "", table(heads, rows) + reading)
 
 
-def _trade(c: Comparison, mark: str) -> str:
+def _outside(c: Comparison, s: Standing) -> str:
+    """How often the truth is outside of the claimed 95 % region, where it is worst in comparison with what may be."""
+    if s.honest is None:
+        return "–"
+    when = "" if s.honest.step is None else f" at {significant(float(c.study.time[s.honest.step]))} s"
+    return f'<span>{s.honest.share:.0%}<span class="small">{escape(facet(s, c) + when)}</span></span>'
+
+
+def _trade(found: Sequence[Standing], mark: str) -> str:
+    far = [s.name for s in found if s.distance is not None and not s.distance <= FAR]
+    beyond = f" Beyond the picture: {escape(', '.join(far))}." if far else ""
     return section(
         "Cost against accuracy",
-        "Down and to the left is better. A cross marks a filter that cannot be believed.",
+        f"Down and to the left is better. A cross marks a filter to avoid, an open circle one not known.{beyond}",
         place(f"{mark}trade", f"{mark}trade"),
     )
 
@@ -120,11 +132,19 @@ def _curves(c: Comparison, mark: str) -> str:
 
 
 def _consistency(c: Comparison, mark: str) -> str:
-    asked = choices(("which", "show", [("nees", "NEES"), ("nis", "NIS")], "nees"))
+    shown = [("outside", "share outside of 95 %"), ("nees", "mean NEES"), ("nis", "mean NIS")]
+    asked = choices(("which", "show", shown, "outside"))
+    said = (
+        "Runs with the truth outside of the claimed 95 % region of the whole state; and errors (NEES) and innovations "
+        "(NIS) in units of what the filter claims, on average. An honest filter stays about 5 %, or about 1, mostly "
+        "within the grey band (95 % at each time); above it claims too much, below it too little. A single lost run "
+        "can lift a mean, but not a share."
+    )
+    if c.study.unasked:
+        said += f" This is not judged: {escape(c.study.unasked)}."
     return section(
         "Can the covariance be believed?",
-        "Errors (NEES) and innovations (NIS) in units of what the filter claims. An honest filter stays about 1, "
-        "mostly within the grey band (95 %); above it claims too much, below it too little.",
+        said,
         asked + place(f"{mark}consistency", f"{mark}consistency/{{which}}"),
     )
 
