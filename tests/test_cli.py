@@ -140,9 +140,9 @@ def test_a_table_without_description_gets_one_that_works(
     }
     write_csv(tmp_path / "ship.csv", columns)
     assert cli("track", "ship.csv") == 2
-    told = capsys.readouterr().err
-    assert "Save this as ship.toml" in told
-    (tmp_path / "ship.toml").write_text(told.split("track that:\n\n")[1])
+    told = capsys.readouterr()
+    assert "sigmax track ship.csv > ship.toml" in told.err
+    (tmp_path / "ship.toml").write_text(told.out)
     record = records.load("ship.toml")
     np.testing.assert_allclose(record.z["position"][0, 1:, 0], table["north_km"][1:])
 

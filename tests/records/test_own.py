@@ -267,6 +267,11 @@ def test_every_sensor_can_be_described(kind: str, tmp_path: Path) -> None:
     write_csv(tmp_path / "d.csv", {name: [0.0, 1.0] for name in ("t", "a", "b", "c", "d")})
     columns, noise, extra = {
         "position": ('x = "a", y = "b"', 'x = "1 m", y = "1 m"', ""),
+        "velocity": (
+            'vx = { column = "a", unit = "kn" }, vy = { column = "b", unit = "km/h" }',
+            'vx = "1 kn", vy = 1',
+            "",
+        ),
         "relative_position": (
             'x = "a", y = "b"',
             'x = "1 m", y = "1 m"',

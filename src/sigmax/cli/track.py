@@ -1,17 +1,23 @@
 """`sigmax track`."""
 
+import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from sigmax.cli import NO_RESULT
+from sigmax.cli import NO_RESULT, WRONG_INPUT
 from sigmax.cli.plots import track_plots
 from sigmax.cli.progress import progress_on
 from sigmax.records import Outcome, Record, check, load, load_plots, parse_trial, track
+from sigmax.records.load import description_of
+from sigmax.records.read_table import is_table
+from sigmax.records.suggest import propose
 from sigmax.reports import Grade, Score, check_folder, grade, score, verdict, write
 from sigmax.reports.verdict import nis_in_words, significant
 
@@ -26,6 +32,8 @@ def track_record(name: str | Record, filters: Sequence[str], out: Path | None, d
         SystemExit: with status 1 where every filter failed or broke down at every step.
     """
     console, errors = Console(), Console(stderr=True)
+    if isinstance(name, str) and is_table(Path(name)):
+        _propose(Path(name))
     trials = tuple(dict.fromkeys(parse_trial(text) for text in filters))
     with errors.status("reading the record"):
         plots = load_plots(name, data) if isinstance(name, str) else None
@@ -38,6 +46,8 @@ def track_record(name: str | Record, filters: Sequence[str], out: Path | None, d
         folder = out if out is not None else Path("runs") / record.name
         check_folder(folder)
         check(record, trials)
+    for doubt in record.doubts:
+        errors.print(f"[yellow]{escape(doubt)}[/]", highlight=False, soft_wrap=True)
     outcomes: list[Outcome] = []
     with progress_on(errors) as progress:
         task = progress.add_task("", total=len(trials))
@@ -59,6 +69,26 @@ def track_record(name: str | Record, filters: Sequence[str], out: Path | None, d
     if not any(_worked(record, outcome) for outcome in outcomes):
         errors.print("sigmax: no filter gave a result: none could correct with any measurement", highlight=False)
         raise SystemExit(NO_RESULT)
+
+
+def _propose(path: Path) -> NoReturn:
+    """Print a description of a file of data, and to standard error what it rests on.
+
+    Raises:
+        SystemExit: always; nothing was tracked.
+    """
+    toml, remarks = propose(path)
+    print(toml, end="")
+    beside = description_of(path)
+    sentences = "".join(f"  {remark}\n" for remark in remarks)
+    print(
+        f"sigmax: {path} holds data; what is tracked is a short TOML file that says what they mean. The proposal above "
+        f"goes to standard output:\n{sentences}"
+        f"  To take it: sigmax track {shlex.quote(str(path))} > {shlex.quote(str(beside))}; correct it; "
+        f"sigmax track {shlex.quote(str(beside))}",
+        file=sys.stderr,
+    )
+    raise SystemExit(WRONG_INPUT)
 
 
 def _worked(record: Record, outcome: Outcome) -> bool:

@@ -4,10 +4,12 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from sigmax.errors import InputError, unknown
+from sigmax.records.table import Table
 
 
 class Section(BaseModel):
@@ -26,13 +28,6 @@ class Section(BaseModel):
         return given
 
 
-class Column(Section):
-    """A column of the data and its unit; no unit means SI and radians."""
-
-    column: str
-    unit: str = ""
-
-
 def _as_column(given: Any) -> Any:
     return {"column": given} if isinstance(given, str) else given
 
@@ -41,7 +36,30 @@ def _as_list(given: Any) -> Any:
     return given if isinstance(given, list) else [given]
 
 
+class Column(Section):
+    """A column of the data, its unit, and numbers that mean none; no unit means SI and radians."""
+
+    column: str
+    unit: str = ""
+    missing: Annotated[list[float], BeforeValidator(_as_list)] = Field(default_factory=list)
+
+    def numbers(self, table: Table) -> np.ndarray:
+        """What a table has in this column, as it stands there, NaN where it is missing.
+
+        Raises:
+            InputError: where there is no such column, or something else than numbers in it.
+        """
+        return table.numbers(self.column, self.missing)
+
+
+class TimeColumn(Column):
+    """The column of times; `format` is that of strftime, for dates that are written in another way than ISO 8601."""
+
+    format: str = ""
+
+
 ColumnGiven = Annotated[Column, BeforeValidator(_as_column)]
+TimeGiven = Annotated[TimeColumn, BeforeValidator(_as_column)]
 # A standard deviation by component, a covariance as rows of numbers, or "file.py:function".
 Noise = Any
 
@@ -89,17 +107,34 @@ class BiasPart(Section):
     drift: Annotated[list[str], BeforeValidator(_as_list)] = Field(default_factory=list)
 
 
+class LocalPart(Section):
+    """Latitude and longitude, to be metres east and north of an origin; with a speed and a course, a velocity.
+
+    Places farther from the origin than `within` count as not measured.
+    """
+
+    latitude: ColumnGiven
+    longitude: ColumnGiven
+    origin: list[Any] | None = None
+    within: Any = None
+    speed: ColumnGiven | None = None
+    course: ColumnGiven | None = None
+
+
 class Description(Section):
     """All of it; the README of the format is docs/bring-your-own-data.md."""
 
     data: str
-    time: ColumnGiven
+    time: TimeGiven
     motion: Annotated[list[MotionPart], BeforeValidator(_as_list), Field(min_length=1)]
     sensors: dict[str, SensorPart] = Field(min_length=1)
     prior: dict[str, Any]
     bias: dict[str, BiasPart] = Field(default_factory=dict)
     title: str = ""
     track: str | None = None
+    decimal: str = "."
+    sort: bool = False
+    local: LocalPart | None = None
     filters: list[str] = Field(default=["EKF", "SRCKFB"], min_length=1)
     position: list[str] | None = None
     truth: dict[str, ColumnGiven] = Field(default_factory=dict)
@@ -107,10 +142,12 @@ class Description(Section):
     licence: str = ""
 
     @model_validator(mode="after")
-    def _one_sensor_has_columns(self) -> Self:
+    def _check(self) -> Self:
         for name, sensor in self.sensors.items():
             if not sensor.columns:
                 raise PydanticCustomError("empty", "{text}", {"text": f"sensors.{name}.columns names no column"})
+        if self.decimal not in (".", ","):
+            raise PydanticCustomError("empty", "{text}", {"text": f'decimal is "." or ","; it is {self.decimal!r}'})
         return self
 
 

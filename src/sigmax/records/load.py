@@ -7,6 +7,7 @@ from typing import NamedTuple
 from sigmax.errors import InputError, unknown
 from sigmax.records.plot_description import describes_plots
 from sigmax.records.plots import PlotRecord
+from sigmax.records.read_table import is_table
 from sigmax.records.record import Record
 
 
@@ -61,6 +62,11 @@ def load_plots(name: str, folder: Path | None = None) -> PlotRecord | None:
     return None
 
 
+def description_of(path: Path) -> Path:
+    """Where the description of a file of data is best put."""
+    return path.with_name(f"{path.name.split('.')[0] or 'data'}.toml")
+
+
 def load(name: str) -> Record:
     """A built-in record by its name, or one of your own by the path of its TOML description.
 
@@ -75,12 +81,13 @@ def load(name: str) -> Record:
         from sigmax.records.own import own
 
         return own(path)
-    if path.suffix.casefold() in (".csv", ".parquet"):
-        from sigmax.records.suggest import description_for
+    if is_table(path):
+        from sigmax.records.suggest import propose
 
+        toml, remarks = propose(path)
         raise InputError(
             f"{path} holds data; sigmax tracks a short TOML file that says what they mean. Save this as "
-            f"{path.with_suffix('.toml').name} beside it, correct it, and track that:\n\n{description_for(path)}"
+            f"{description_of(path).name} beside it, correct it, and track that:\n\n{toml}\n" + "\n".join(remarks)
         )
     if path.exists():
         raise InputError(f"{path} is neither a built-in record ({', '.join(known)}) nor a .toml description")

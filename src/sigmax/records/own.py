@@ -9,11 +9,14 @@ import pandas as pd
 
 from sigmax.errors import InputError, unknown
 from sigmax.models import Gaussian
-from sigmax.records.description import Column, Description, read_toml
+from sigmax.records.description import Column, Description, TimeColumn, read_toml
+from sigmax.records.doubts import doubts
+from sigmax.records.local import with_local
 from sigmax.records.model import Built, build
-from sigmax.records.prior import read_prior
+from sigmax.records.prior import FROM, read_prior
+from sigmax.records.read_table import read_table
 from sigmax.records.record import Record, parse_trial
-from sigmax.records.table import Table, read_table
+from sigmax.records.table import Table
 from sigmax.records.units import TIME, Dimension, parse_unit, to_si
 
 # Padding may take this many times the room of the data, or this many steps.
@@ -37,15 +40,16 @@ def _record(path: Path, description: Description) -> Record:
     trials = tuple(dict.fromkeys(parse_trial(text) for text in description.filters))
     built = build(description, path.parent)
     check_columns(description, built)
-    table = read_table(path.parent / description.data)
+    table = with_local(read_table(path.parent / description.data, decimal=description.decimal), description.local)
     time, epoch = instants(table, description.time)
-    names, rows = _tracks(table, description.track, time)
+    names, rows = _tracks(table, description.track, time, description.sort)
     measured = {sensor: columns(table, measured_columns(description, built, sensor)) for sensor in built.sensings}
     inputs = _inputs(table, built, measured, rows)
     truth = np.full((len(table), built.model.size), np.nan)
     for name, column in description.truth.items():
         place = built.model.state.index(name)
         truth[:, place] = _column(table, column, built.dimensions[place], f"truth.{name}")
+    names, rows, silent = _beginning(description.prior.get(FROM), measured, names, rows)
     mean, cov, rows, notes = read_prior(description.prior, built, measured, rows, names)
     steps = np.array([len(r) for r in rows])
     if steps.max() * len(rows) > max(_PADDING * steps.sum(), _ROOM):
@@ -83,7 +87,8 @@ def _record(path: Path, description: Description) -> Record:
         landmarks=landmarks,
         source=description.source or description.data,
         licence=description.licence,
-        notes=notes,
+        notes=(*silent, *notes),
+        doubts=doubts(description, built, table, time, names, rows, measured),
     )
 
 
@@ -129,12 +134,14 @@ def _column(table: Table, column: Column, dimension: Dimension | None, where: st
         factor = parse_unit(column.unit, where)[0] if column.unit.strip() else 1.0
     else:
         factor = to_si(column.unit, dimension, where)
-    return table.numbers(column.column) * factor
+    return column.numbers(table) * factor
 
 
-def instants(table: Table, column: Column) -> tuple[np.ndarray, pd.Timestamp | None]:
+def instants(table: Table, column: TimeColumn) -> tuple[np.ndarray, pd.Timestamp | None]:
     """Times in seconds, and the instant of 0 where they are timestamps."""
-    time, epoch = table.times(column.column)
+    if column.missing:
+        raise InputError("time: every row needs one; missing belongs to what is measured")
+    time, epoch = table.times(column.column, column.format)
     if epoch is not None:
         if column.unit.strip():
             raise InputError(f"time: the column {column.column!r} holds timestamps, which have no unit {column.unit!r}")
@@ -142,8 +149,8 @@ def instants(table: Table, column: Column) -> tuple[np.ndarray, pd.Timestamp | N
     return time * to_si(column.unit, TIME, "time"), None
 
 
-def _tracks(table: Table, column: str | None, time: np.ndarray) -> tuple[tuple[str, ...], list[np.ndarray]]:
-    """Names of the tracks and the rows of each, in their order, times checked."""
+def _tracks(table: Table, column: str | None, time: np.ndarray, sort: bool) -> tuple[tuple[str, ...], list[np.ndarray]]:
+    """Names of the tracks and the rows of each, in their order, times checked; or sorted by time."""
     if column is None:
         names: tuple[str, ...] = ("1",)
         rows = [np.arange(len(table))]
@@ -157,6 +164,8 @@ def _tracks(table: Table, column: str | None, time: np.ndarray) -> tuple[tuple[s
         names = tuple(str(label).strip() for label in labels)
         order = np.argsort(codes, kind="stable")
         rows = np.split(order, np.cumsum(np.bincount(codes))[:-1])
+    if sort:
+        return names, [r[np.argsort(time[r], kind="stable")] for r in rows]
     for name, r in zip(names, rows, strict=True):
         back = np.flatnonzero(np.diff(time[r]) < 0)
         if len(back):
@@ -164,9 +173,26 @@ def _tracks(table: Table, column: str | None, time: np.ndarray) -> tuple[tuple[s
             track = "" if column is None else f" of the track {name!r}"
             raise InputError(
                 f"{table.path.name}: time runs backwards{track} from row {table.row(int(r[i]))} ({time[r[i]]:.15g} s) "
-                f"to row {table.row(int(r[i + 1]))} ({time[r[i + 1]]:.15g} s); sort the rows by time"
+                f"to row {table.row(int(r[i + 1]))} ({time[r[i + 1]]:.15g} s); sort the rows by time, or write "
+                "sort = true at the top of the description"
             )
     return names, rows
+
+
+def _beginning(
+    sensor: str | None, measured: dict[str, np.ndarray], names: tuple[str, ...], rows: list[np.ndarray]
+) -> tuple[tuple[str, ...], list[np.ndarray], tuple[str, ...]]:
+    """The tracks without those in which the sensor that shall begin them never measures, and a note of these."""
+    if not isinstance(sensor, str) or sensor not in measured:
+        return names, rows, ()
+    seen = [bool((~np.isnan(measured[sensor][r])).all(1).any()) for r in rows]
+    if all(seen) or not any(seen):
+        return names, rows, ()
+    left_out = [name for name, any_seen in zip(names, seen, strict=True) if not any_seen]
+    shown = ", ".join(left_out[:5]) + (", …" if len(left_out) > 5 else "")
+    note = f"{len(left_out)} of {len(names)} tracks are left out, as {sensor!r} never measures them: {shown}."
+    kept = [k for k, any_seen in enumerate(seen) if any_seen]
+    return tuple(names[k] for k in kept), [rows[k] for k in kept], (note,)
 
 
 def _inputs(table: Table, built: Built, measured: dict[str, np.ndarray], rows: list[np.ndarray]) -> np.ndarray | None:

@@ -9,19 +9,19 @@ import pandas as pd
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.records.description import read_toml
+from sigmax.records.local import POSITION, VELOCITY, local_columns, with_local
+from sigmax.records.located import locate
 from sigmax.records.model import Built, build
 from sigmax.records.own import check_columns, columns, instants, measured_columns
 from sigmax.records.plot_description import DetectionPart, PlotDescription, TrackingPart, extent_of
 from sigmax.records.plots import PlotRecord
+from sigmax.records.read_table import read_table
 from sigmax.records.record import parse_trial
-from sigmax.records.sensor import Sensing, first_position
-from sigmax.records.table import read_table
 from sigmax.records.units import LENGTH, SPEED, TIME, quantity
 from sigmax.tracking import (
     Cycle,
     Detector,
     Layout,
-    Located,
     Modes,
     Scan,
     Truth,
@@ -33,7 +33,6 @@ from sigmax.tracking import (
     pda,
     two_point,
 )
-from sigmax.tracking.detector import Locate, covariance_of
 
 _ASSOCIATE = {"gnn": gnn, "jpda": jpda, "pda": pda, "nearest": nearest}
 # Rows that cannot be read are quoted up to so many.
@@ -79,13 +78,16 @@ def build_plots(path: Path, description: PlotDescription) -> Built:
 
 def _record(path: Path, description: PlotDescription, part: TrackingPart) -> PlotRecord:
     built = build_plots(path, description)
-    whole = read_table(path.parent / description.data, lenient=True)
+    whole = read_table(path.parent / description.data, lenient=True, decimal=description.decimal)
     wanted = {name: measured_columns(description, built, name) for name in built.sensings}
     used = {column.column for one in wanted.values() for column, _, _ in one}
     used |= {item.column.column for item in built.inputs}
-    table, skipped = whole.readable(used, description.time.column)
+    used |= local_columns(description.local)
+    used -= {*POSITION, *VELOCITY}
+    table, skipped = whole.readable(used, description.time.column, description.time.format)
     if not len(table):
         raise InputError(f"no row of {table.path.name} can be read; the first is {skipped[0]}")
+    table = with_local(table, description.local)
     time, epoch = instants(table, description.time)
     inputs = columns(table, [(i.column, i.dimension, i.where) for i in built.inputs]) if built.inputs else None
     scans: list[Scan] = []
@@ -159,7 +161,7 @@ def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> 
     detectors = {}
     for name, sensing in built.sensings.items():
         own = [k for k, item in enumerate(built.inputs) if item.sensor == name]
-        detectors[name] = Detector(part.sensors[name].detection, part.sensors[name].clutter, _locate(sensing, own))
+        detectors[name] = Detector(part.sensors[name].detection, part.sensors[name].clutter, locate(sensing, own))
     if not any(d.locate is not None for d in detectors.values()):
         raise InputError(
             "no sensor can begin tracks: one of the kind position, relative_position or range_azimuth is needed"
@@ -202,31 +204,12 @@ def _layout(built: Built, description: PlotDescription, state: list[str], names:
     return Layout(built.position, places, None if cartesian else (state.index("speed"), state.index("course")), rest)
 
 
-def _locate(sensing: Sensing, inputs: list[int]) -> Locate | None:
-    if callable(sensing.R) or sensing.kind not in ("position", "relative_position", "range_azimuth"):
-        return None
-    d = len(sensing.at)
-    R = np.asarray(sensing.R)
-    cov = np.diag(R) if R.ndim == 1 else covariance_of(R)
-
-    def locate(z: np.ndarray, u: np.ndarray | None) -> Located:
-        if sensing.kind == "relative_position":
-            return Located(z + (0.0 if u is None else u[inputs]), np.tile(cov, (len(z), 1, 1)))
-        place, spread = first_position(sensing, z)
-        if sensing.kind == "position" or z.shape[1] == d:
-            return Located(place, np.array(spread))
-        away = (place - np.asarray(sensing.origin)) / np.maximum(z[:, :1], 1e-9)
-        return Located(place, spread, away, z[:, d], float(cov[d, d]))
-
-    return locate
-
-
 def _truth(
     folder: Path, description: PlotDescription, part: TrackingPart, built: Built, epoch: pd.Timestamp | None
 ) -> tuple[Truth, ...]:
     if part.truth is None:
         return ()
-    table = read_table(folder / part.truth.data)
+    table = read_table(folder / part.truth.data, decimal=description.decimal)
     time, began = instants(table, part.truth.time)
     if (began is None) != (epoch is None):
         raise InputError("tracking.truth counts time otherwise than the plots: both timestamps, or both seconds")

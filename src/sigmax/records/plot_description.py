@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import Field
 
 from sigmax.errors import InputError
-from sigmax.records.description import ColumnGiven, Description, Section
+from sigmax.records.description import Description, Section, TimeGiven
 from sigmax.records.units import LENGTH, quantity
 
 
@@ -24,7 +24,7 @@ class TargetsPart(Section):
 
     data: str
     target: str
-    time: ColumnGiven
+    time: TimeGiven
 
 
 class TrackingPart(Section):

@@ -9,7 +9,8 @@ from sigmax.records.model import Built
 from sigmax.records.sensor import first_position
 from sigmax.records.units import quantity
 
-_FROM = "position_from"
+# The key that takes the position from the first measurement.
+FROM = "position_from"
 
 
 def read_prior(
@@ -28,15 +29,15 @@ def read_prior(
         InputError: where a component is missing, given twice or not known, or a number does not fit.
     """
     state = built.model.state
-    sensor = given.get(_FROM)
+    sensor = given.get(FROM)
     if sensor is not None and sensor not in built.sensings:
-        raise InputError(f"prior.{_FROM}: {unknown('sensor', sensor, built.sensings)}")
+        raise InputError(f"prior.{FROM}: {unknown('sensor', sensor, built.sensings)}")
     at = built.sensings[sensor].at if sensor is not None else ()
     for name in given:
-        if name != _FROM and name not in state:
-            raise InputError(f"prior: {unknown('component', name, [*state, _FROM])}")
+        if name != FROM and name not in state:
+            raise InputError(f"prior: {unknown('component', name, [*state, FROM])}")
         if name in [state[i] for i in at]:
-            raise InputError(f"prior.{name} is given twice: here and by {_FROM} = {sensor!r}; drop one of them")
+            raise InputError(f"prior.{name} is given twice: here and by {FROM} = {sensor!r}; drop one of them")
     n, B = len(state), len(rows)
     mean, cov = np.zeros((B, n)), np.zeros((B, n, n))
     for i, name in enumerate(state):
@@ -51,13 +52,13 @@ def read_prior(
     for k, r in enumerate(rows):
         whole = np.flatnonzero(~np.isnan(measured[sensor][r][:, :used]).any(1))
         if not len(whole):
-            raise InputError(f"prior.{_FROM}: the track {names[k]!r} has no whole measurement of the sensor {sensor!r}")
+            raise InputError(f"prior.{FROM}: the track {names[k]!r} has no whole measurement of the sensor {sensor!r}")
         firsts.append(int(whole[0]))
     begin = np.array([r[first] for r, first in zip(rows, firsts, strict=True)])
     try:
         place, spread = _located(built, sensor, measured[sensor][begin])
     except InputError as error:
-        raise InputError(f"prior.{_FROM} = {sensor!r}: {error}") from error
+        raise InputError(f"prior.{FROM} = {sensor!r}: {error}") from error
     mean[:, at] = place
     cov[:, np.array(at)[:, None], np.array(at)] = spread
     measured[sensor][begin[:, None], np.arange(used)] = np.nan
@@ -81,7 +82,7 @@ def _located(built: Built, sensor: str, z: np.ndarray) -> tuple[np.ndarray, np.n
 
 def _component(given: dict[str, Any], name: str, built: Built, place: int) -> tuple[float, float]:
     if name not in given:
-        means = f" (or {_FROM} = a sensor)" if place in built.position else ""
+        means = f" (or {FROM} = a sensor)" if place in built.position else ""
         raise InputError(f"prior needs {str(name)!r}: {{ mean = …, std = … }}{means}")
     value = given[name]
     if not isinstance(value, dict) or set(value) != {"mean", "std"}:

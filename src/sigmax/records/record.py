@@ -69,6 +69,7 @@ class Record:
         source: where the data come from.
         licence: the terms they are under.
         notes: what a reader of the results should know.
+        doubts: what looks as if it were meant otherwise: a unit, a column of tracks, rows that stand there twice.
         backdrop: the map below the path, or None.
         bias_dimensions: of the components of the model's bias.
     """
@@ -92,6 +93,7 @@ class Record:
     source: str = ""
     licence: str = ""
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     backdrop: Backdrop | None = None
     bias_dimensions: tuple[Dimension, ...] = ()
 

@@ -37,6 +37,7 @@ class Sensing(NamedTuple):
 
 _OPTIONS = {
     "position": {"at"},
+    "velocity": {"at"},
     "relative_position": {"at"},
     "range_only": {"at", "origin", "scale"},
     "bearing": {"at", "origin"},
@@ -62,7 +63,8 @@ def read_sensor(
         allowed = {"measurement"} if own else _OPTIONS[part.kind]
         if getattr(part, option) not in (None, False) and option not in allowed:
             raise InputError(f"{where}.{option}: {'your own sensor' if own else part.kind} takes no {option!r}")
-    at = _places(part.at or list(position), state, f"{where}.at")
+    seen = [f"v{name}" for name in position] if part.kind == "velocity" else list(position)
+    at = _places(part.at or seen, state, f"{where}.at")
     origin = None
     if own:
         made, dimensions, inputs = _own(part, where, functions)
@@ -76,8 +78,8 @@ def read_sensor(
         elif part.kind in ("bearing", "range_azimuth") or (part.kind == "range_only" and not part.inputs):
             origin = (0.0,) * len(at)
         made = _builtin(part, where, at, origin, state)
-        names = dict(zip(made.measurement, [state[i] for i in at], strict=True)) if "position" in part.kind else {}
-        dimensions = {name: LENGTH if names else _MEASURED[name] for name in made.measurement}
+        plain = {"position": LENGTH, "relative_position": LENGTH, "velocity": SPEED}.get(part.kind)
+        dimensions = {name: plain or _MEASURED[name] for name in made.measurement}
         inputs = {name: ANGLE if "heading" in name else LENGTH for name in made.inputs}
     R = read_noise(part.noise, dimensions, f"{where}.noise", functions)
     return Sensing(made, R, dimensions, inputs, at, origin, part.kind)
@@ -93,7 +95,7 @@ def _places(names: list[str], state: tuple[str, ...], where: str) -> tuple[int, 
 def _builtin(
     part: SensorPart, where: str, at: tuple[int, ...], origin: tuple[float, ...] | None, state: tuple[str, ...]
 ) -> Sensor:
-    if part.kind == "position":
+    if part.kind in ("position", "velocity"):
         return sensors.position(at, [state[i] for i in at])
     if part.kind == "relative_position":
         return sensors.relative_position(at, [state[i] for i in at])

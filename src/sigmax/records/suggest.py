@@ -1,63 +1,112 @@
-"""A first description for a file of data, made from the names of its columns."""
+"""A first description for a file of data, made from the names of its columns and from their numbers."""
 
-import re
+import math
 from pathlib import Path
+from typing import NamedTuple
 
-import pandas as pd
+import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.records.table import Table, read_table
+from sigmax.records.likely import labels_of, likely_track, speeds
+from sigmax.records.positions import geodetic, plane, polar, quoted
+from sigmax.records.read_table import read_table
+from sigmax.records.roles import TimeRole, has_numbers, time_of, track_of
+from sigmax.records.table import Table
+from sigmax.records.units import TIME, to_si
 
-_TIME = re.compile(r"^(t|time|timestamp|date|datetime|seconds?|utc)(\b|_|$)", re.IGNORECASE)
-_TRACK = re.compile(r"^(track|id|target|object|mmsi|icao)", re.IGNORECASE)
+
+class Proposal(NamedTuple):
+    """A description to begin with, and what was taken for what."""
+
+    toml: str
+    remarks: tuple[str, ...]
 
 
-def description_for(path: Path) -> str:
-    """A minimal TOML: constant velocity, a position seen in the two columns most likely to be one.
+def propose(path: Path) -> Proposal:
+    """A minimal description: constant velocity, and what measures a position by the names and numbers of the columns.
 
     Raises:
-        InputError: where the file cannot be read or has fewer than three columns.
+        InputError: where the file cannot be read, or no columns look like a time and a position.
     """
-    table = read_table(path)
-    names = [str(name) for name in table.columns]
+    table, decimal = _table(path)
+    names = list(table.names)
     if len(names) < 3:
         raise InputError(f"{path.name} has the columns {', '.join(names)}; a time and two measured ones are the least")
-    time = next((n for n in names if _TIME.match(n)), names[0])
-    track = next((n for n in names if _TRACK.match(n) and n != time), None)
-    rest = [n for n in names if n not in (time, track) and _is_number(table, n)]
-    rest = rest if len(rest) > 1 else [n for n in names if n != time]
-    x = next((n for n in rest if re.match(r"^(x|e|east)", n, re.IGNORECASE)), rest[0])
-    y = next(
-        (n for n in rest if re.match(r"^(y|n|north)", n, re.IGNORECASE) and n != x), next(n for n in rest if n != x)
-    )
-    by_track = f"track = {_quoted(track)}\n" if track else ""
-    return f"""data = {_quoted(path.name)}
-time = {_quoted(time)}
-{by_track}filters = ["EKF", "SRCKFB"]
+    time = time_of(table)
+    clock, _ = table.times(time.column, time.format)
+    clock = clock * to_si(time.unit, TIME, "time")
+    track = track_of(table, (time.column,))
+    seen = geodetic(table, clock, time, track) or polar(table, time, track) or plane(table, time, track)
+    remarks = [time.remark, *seen.remarks]
+    if track is None:
+        others = [n for n in names if n not in (time.column, *seen.columns)]
+        track = likely_track(table, clock, seen.place, others)
+        if track:
+            remarks.append(f"Tracks are told apart by {track!r}: so their positions hang together.")
+    count = 1 if track is None else labels_of(table, track).nunique()
+    remarks.append("All rows are one track." if track is None else f"{track!r} tells {count} tracks apart.")
+    rows = [np.arange(len(table))]
+    if track is not None:
+        labels = labels_of(table, track).to_numpy()
+        rows = [np.flatnonzero(labels == label) for label in dict.fromkeys(labels)]
+    sort = any((np.diff(clock[r]) < 0).any() for r in rows)
+    if sort:
+        remarks.append("Rows are not in the order of time; sort = true puts them so.")
+    moved = speeds(seen.place, clock, [r[np.argsort(clock[r], kind="stable")] for r in rows])
+    pace = _round(float(np.quantile(moved, 0.9))) if len(moved) else 10.0
+    remarks.append("Noises and priors are guesses: correct them.")
+    head = [
+        f"data = {quoted(path.name)}",
+        f"time = {_time(time)}",
+        *([f"track = {quoted(track)}"] if track else []),
+        *(['decimal = ","'] if decimal == "," else []),
+        *(["sort = true"] if sort else []),
+        'filters = ["EKF", "SRCKFB"]',
+    ]
+    x, y = seen.axes
+    toml = (
+        "\n".join(head)
+        + f"""
 
 [motion]
 kind = "constant_velocity"
-noise = {{ density = "1 m^2/s^3" }}
+axes = ["{x}", "{y}"]
+noise = {{ density = "{_density(pace)} m^2/s^3" }}
 
-[sensors.position]
-kind = "position"
-columns = {{ x = {{ column = {_quoted(x)}, unit = "m" }}, y = {{ column = {_quoted(y)}, unit = "m" }} }}
-noise = {{ x = "1 m", y = "1 m" }}
-
+{seen.tables}
 [prior]
-position_from = "position"
-vx = {{ mean = 0, std = "10 m/s" }}
-vy = {{ mean = 0, std = "10 m/s" }}
+position_from = "{seen.sensor}"
+v{x} = {{ mean = 0, std = "{pace:g} m/s" }}
+v{y} = {{ mean = 0, std = "{pace:g} m/s" }}
 """
+    )
+    return Proposal(toml, tuple(filter(None, remarks)))
 
 
-def _is_number(table: Table, name: str) -> bool:
-    try:
-        return bool(pd.notna(table.numbers(name)).any())
-    except InputError:
-        return False
+def _table(path: Path) -> tuple[Table, str]:
+    """The table, with a decimal comma where more columns are numbers so."""
+    table = read_table(path)
+    other = read_table(path, decimal=",")
+    numbers = [sum(has_numbers(t, n) for n in t.names) for t in (table, other)]
+    return (other, ",") if numbers[1] > numbers[0] else (table, ".")
 
 
-def _quoted(text: str) -> str:
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
+def _time(time: TimeRole) -> str:
+    if time.format:
+        return f"{{ column = {quoted(time.column)}, format = {quoted(time.format)} }}"
+    return (
+        quoted(time.column) if time.unit in ("", "s") else f'{{ column = {quoted(time.column)}, unit = "{time.unit}" }}'
+    )
+
+
+def _density(pace: float) -> str:
+    """A target of this pace turns so much."""
+    return "1" if pace > 30 else "0.1" if pace > 3 else "0.01"
+
+
+def _round(value: float) -> float:
+    """The next of 1, 2, 5, 10 and so on."""
+    if not value > 0 or not math.isfinite(value):
+        return 1.0
+    scale = 10.0 ** math.floor(math.log10(value))
+    return float(next(f * scale for f in (1, 2, 5, 10) if f * scale >= value * 0.999))

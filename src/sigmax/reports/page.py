@@ -195,6 +195,6 @@ def _noise(given: Noise) -> str:
 
 
 def _data(record: Record) -> str:
-    notes = "".join(f"<li>{escape(note)}</li>" for note in record.notes)
+    notes = "".join(f"<li>{escape(note)}</li>" for note in (*record.doubts, *record.notes))
     source = escape(record.source) + (f"; {escape(record.licence)}" if record.licence else "")
     return f"<section><h2>Data</h2><p>{source}.</p>{f'<ul class=notes>{notes}</ul>' if notes else ''}</section>"

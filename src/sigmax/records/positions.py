@@ -1,0 +1,231 @@
+"""Which columns of a table measure positions, as tables of a description: places on the earth, polar or plane ones."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from sigmax.errors import InputError
+from sigmax.records.description import Column, LocalPart
+from sigmax.records.likely import labels_of
+from sigmax.records.local import FARTHEST, POSITION, VELOCITY, distance, origin_of, with_local
+from sigmax.records.roles import TimeRole, base_and_unit, has_numbers, named
+from sigmax.records.table import Table
+from sigmax.records.units import ANGLE, LENGTH, SPEED, Dimension, parse_unit, to_si
+
+# What the Automatic Identification System sends where it does not know: ITU-R M.1371, table 48.
+_UNKNOWN = {"latitude": 91.0, "longitude": 181.0, "speed": 102.3, "course": 360.0}
+_SPEEDS = ("kn", "m/s", "km/h", "mph")
+
+
+class Seen(NamedTuple):
+    """What measures positions: tables of the TOML, the state it needs, and places (T, 2) to judge tracks by."""
+
+    tables: str
+    axes: tuple[str, str]
+    place: np.ndarray
+    remarks: tuple[str, ...]
+    columns: tuple[str, ...]
+    sensor: str
+
+
+def geodetic(table: Table, clock: np.ndarray, time: TimeRole, track: str | None) -> Seen | None:
+    """Latitude and longitude, with speed and course where they agree with them; None where there are none.
+
+    Raises:
+        InputError: where they are not in degrees.
+    """
+    taken = (time.column, track)
+    found = [named(table, role, taken) for role in ("latitude", "longitude")]
+    if not found[0] or not found[1]:
+        return None
+    lat, lon = (_degrees(table, names[0], role) for names, role in zip(found, ("latitude", "longitude"), strict=True))
+    part, remarks = _local(table, lat, lon)
+    place = with_local(table, part).columns[list(POSITION)].to_numpy(float)
+    used = [lat.column, lon.column]
+    velocity, said = _velocity(table, clock, part, place, track, (*taken, *used))
+    sensors = _position("report", ("east", "north"), tuple(map(quoted, POSITION)), "10 m")
+    if velocity is not None:
+        part = part.model_copy(update=dict(zip(("speed", "course"), velocity, strict=True)))
+        used += [column.column for column in velocity]
+        sensors += (
+            '\n[sensors.velocity]\nkind = "velocity"\n'
+            f"columns = {{ veast = {quoted(VELOCITY[0])}, vnorth = {quoted(VELOCITY[1])} }}\n"
+            'noise = { veast = "1 m/s", vnorth = "1 m/s" }\n'
+        )
+    return Seen(f"{_shown(part)}\n{sensors}", ("east", "north"), place, (*remarks, said), tuple(used), "report")
+
+
+def _local(table: Table, lat: Column, lon: Column) -> tuple[LocalPart, list[str]]:
+    """The plane at the first place, or where most are in the middle of them, and what is said of it."""
+    latitude, longitude = (c.numbers(table) * to_si(c.unit, ANGLE, c.column) for c in (lat, lon))
+    origin, which = origin_of(LocalPart(latitude=lat, longitude=lon), latitude, longitude), "the first place"
+    if np.nanmedian(distance(latitude, longitude, origin)) > FARTHEST:
+        origin, which = (float(np.nanmedian(latitude)), float(np.nanmedian(longitude))), "the median of all places"
+    shown = [f"{math.degrees(v):.7f} deg" for v in origin]
+    far = int((distance(latitude, longitude, origin) > FARTHEST).sum())
+    within = f"{FARTHEST / 1e3:.0f} km" if far else None
+    remarks = [
+        f"{lat.column!r} and {lon.column!r} are taken for latitude and longitude in {lat.unit}: they become metres "
+        f"east and north of {which}, {shown[0]}, {shown[1]} (WGS84)."
+    ]
+    if far:
+        remarks.append(
+            f"{far} of {len(table)} rows lie farther than {within} from there, too far for one plane, and count as not "
+            "measured; split the file by region if they are meant."
+        )
+    return LocalPart(latitude=lat, longitude=lon, origin=list(shown), within=within), remarks
+
+
+def _shown(part: LocalPart) -> str:
+    """The table [local] as TOML."""
+    lines = ["[local]", f"latitude = {_column(part.latitude)}", f"longitude = {_column(part.longitude)}"]
+    lines += [f"origin = [{', '.join(map(quoted, part.origin))}]"] if part.origin else []
+    lines += [f"within = {quoted(part.within)}"] if part.within else []
+    lines += [f"speed = {_column(part.speed)}"] if part.speed else []
+    lines += [f"course = {_column(part.course)}"] if part.course else []
+    return "\n".join(lines) + "\n"
+
+
+def _degrees(table: Table, name: str, role: str) -> Column:
+    """A column of latitudes or longitudes, with its unit and what means that there is none.
+
+    Raises:
+        InputError: where the numbers are of neither unit.
+    """
+    values = table.numbers(name)
+    unknown = _UNKNOWN[role]
+    missing = [unknown] if (values == unknown).any() else []
+    most = float(np.nanmax(np.abs(np.where(values == unknown, 0, values))))
+    if most > (90 if role == "latitude" else 360):
+        raise InputError(
+            f"{table.path.name}: {name!r} goes up to {most:.10g}, which is no {role} in degrees; convert it first "
+            "(52°30.5' are 52.5083 degrees, 525083333 in units of 1e-7 degrees are 52.5083333)"
+        )
+    return Column(
+        column=name, unit=base_and_unit(name)[1] if base_and_unit(name)[1] == "rad" else "deg", missing=missing
+    )
+
+
+def _velocity(
+    table: Table, clock: np.ndarray, part: LocalPart, place: np.ndarray, track: str | None, but: tuple[str | None, ...]
+) -> tuple[tuple[Column, Column] | None, str]:
+    """Columns of speed and course that agree with how positions change, and what is said of them."""
+    found = named(table, "speed", but), named(table, "course", but)
+    if not found[0] or not found[1]:
+        return None, ""
+    for course in found[1]:
+        values = table.numbers(course)
+        angle = Column(column=course, unit="deg" if np.nanmax(np.abs(values)) > 6.4 else "rad",
+                       missing=[360.0] if (values == 360).any() else [])  # fmt: skip
+        for speed in found[0]:
+            numbers = table.numbers(speed)
+            unknown = [102.3] if np.isclose(numbers, 102.3, atol=1e-9, rtol=0).any() else []
+            told = base_and_unit(speed)[1]
+            for unit in [told] if _is(told, SPEED) else _SPEEDS:
+                one = Column(column=speed, unit=unit, missing=unknown)
+                whole = with_local(table, part.model_copy(update={"speed": one, "course": angle}))
+                said = whole.columns[list(VELOCITY)].to_numpy(float)
+                if _agrees(said, place, clock, labels_of(table, track).to_numpy() if track else None):
+                    return (
+                        one,
+                        angle,
+                    ), f"{speed!r} in {unit} and {course!r} in {angle.unit} are taken for the velocity."
+    return None, f"{found[0][0]!r} and {found[1][0]!r} do not fit how positions change, and are not used."
+
+
+def _agrees(velocity: np.ndarray, place: np.ndarray, clock: np.ndarray, labels: np.ndarray | None) -> bool:
+    """Whether velocities (T, 2) are those of the positions from row to row, in size and direction."""
+    codes = np.zeros(len(clock), int) if labels is None else np.unique(labels.astype(str), return_inverse=True)[1]
+    order = np.lexsort((clock, codes))
+    order = order[~np.isnan(place[order]).any(1) & ~np.isnan(velocity[order]).any(1)]
+    elapsed = np.diff(clock[order])
+    good = (np.diff(codes[order]) == 0) & (elapsed > 0)
+    if good.sum() < 2:
+        return False
+    moved = np.diff(place[order], axis=0)[good] / elapsed[good, None]
+    said = (velocity[order][1:] + velocity[order][:-1])[good] / 2
+    fast = np.linalg.norm(said, axis=1) > 0.5
+    if fast.sum() < 2:
+        return False
+    along = (moved * said)[fast].sum(1) / (said[fast] ** 2).sum(1)
+    return bool(0.85 < np.median(along) < 1.18)
+
+
+def polar(table: Table, time: TimeRole, track: str | None) -> Seen | None:
+    """Range and azimuth of a radar; None where there are none."""
+    ranges, azimuths = (named(table, role, (time.column, track)) for role in ("range", "azimuth"))
+    if not ranges or not azimuths:
+        return None
+    reach, angle = ranges[0], azimuths[0]
+    told = base_and_unit(reach)[1], base_and_unit(angle)[1]
+    length = told[0] if _is(told[0], LENGTH) else "m"
+    values = table.numbers(angle)
+    turn = told[1] if _is(told[1], ANGLE) else "deg" if np.nanmax(np.abs(values)) > 6.4 else "rad"
+    r, a = table.numbers(reach) * to_si(length, LENGTH, reach), values * to_si(turn, ANGLE, angle)
+    columns = (
+        f"range = {_column(Column(column=reach, unit=length))}, azimuth = {_column(Column(column=angle, unit=turn))}"
+    )
+    tables = (
+        f'[sensors.radar]\nkind = "range_azimuth"\ncolumns = {{ {columns} }}\n'
+        'noise = { range = "50 m", azimuth = "0.5 deg" }\n'
+    )
+    remark = (
+        f"{reach!r} in {length} and {angle!r} in {turn} are taken for range and azimuth, clockwise from north, of a "
+        "radar at the origin."
+    )
+    place = np.column_stack([r * np.cos(a), r * np.sin(a)])
+    return Seen(tables, ("north", "east"), place, (remark,), (reach, angle), "radar")
+
+
+def plane(table: Table, time: TimeRole, track: str | None) -> Seen:
+    """Two coordinates by their names, else the first two columns of numbers.
+
+    Raises:
+        InputError: where there are no two columns of numbers.
+    """
+    taken = (time.column, track)
+    found = [named(table, role, taken) for role in ("x", "y")]
+    remark = ""
+    if found[0] and found[1]:
+        x, y = found[0][0], found[1][0]
+    else:
+        rest = [n for n in table.names if n not in taken and has_numbers(table, n)]
+        if len(rest) < 2:
+            raise InputError(
+                f"{table.path.name}: beside the time {time.column!r} two columns of numbers are the least; it has "
+                f"{', '.join(rest) or 'none'}"
+            )
+        x, y = rest[:2]
+        remark = f"No columns are called x and y: {x!r} and {y!r} are taken for a position. See to it."
+    told = [base_and_unit(name)[1] for name in (x, y)]
+    units = [unit if _is(unit, LENGTH) else "m" for unit in told]
+    place = np.column_stack([table.numbers(n) * to_si(u, LENGTH, n) for n, u in zip((x, y), units, strict=True)])
+    shown = tuple(_column(Column(column=n, unit=u)) for n, u in zip((x, y), units, strict=True))
+    words = remark or f"{x!r} and {y!r} are taken for a position in {units[0]}."
+    return Seen(_position("position", ("x", "y"), shown, "1 m"), ("x", "y"), place, (words,), (x, y), "position")
+
+
+def _position(name: str, axes: tuple[str, str], columns: tuple[str, ...], noise: str) -> str:
+    x, y = axes
+    return (
+        f'[sensors.{name}]\nkind = "position"\ncolumns = {{ {x} = {columns[0]}, {y} = {columns[1]} }}\n'
+        f'noise = {{ {x} = "{noise}", {y} = "{noise}" }}\n'
+    )
+
+
+def _is(unit: str, dimension: Dimension) -> bool:
+    return bool(unit) and parse_unit(unit, "unit")[1] == dimension
+
+
+def _column(column: Column) -> str:
+    missing = f", missing = {column.missing[0]:g}" if column.missing else ""
+    return f'{{ column = {quoted(column.column)}, unit = "{column.unit}"{missing} }}'
+
+
+def quoted(text: str) -> str:
+    """A text as TOML has it."""
+    escaped = "".join(
+        f"\\u{ord(c):04x}" if ord(c) < 32 or ord(c) == 127 else f"\\{c}" if c in '"\\' else c for c in text
+    )
+    return f'"{escaped}"'
