@@ -1,12 +1,21 @@
 """Nonlinear Kalman filtering for tracking and navigation: every filter a combination of a few parts.
 
-Names are loaded when they are used, so that `import sigmax` and the command line start at once.
+Names are loaded when they are used, so that `import sigmax` and the command line start at once. What the import
+does at once is to make JAX 64-bit, whether JAX is there already or comes later: filters subtract nearly equal
+numbers for a living, and a constant made in float32 keeps its lost digits for ever.
 """
 
 import importlib
+import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+# JAX reads the variable when it is imported; once it is, only its own setting counts.
+os.environ["JAX_ENABLE_X64"] = "1"
+if "jax" in sys.modules:
+    sys.modules["jax"].config.update("jax_enable_x64", True)
 
 _HOME = {
     "sigmax.algebra.arrays": ("wrap",),

@@ -1,5 +1,7 @@
 """Checks at the edge of the library; values being traced are let through."""
 
+from decimal import Decimal
+from numbers import Real
 from typing import Any
 
 import jax
@@ -14,21 +16,77 @@ def is_traced(value: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
 
 
-def numbers(what: str, value: Any) -> Any:
-    """`value` as a floating array.
+def numbers(what: str, value: Any, missing: bool = False) -> Any:
+    """`value` as an array of float64 or float32: the one place where what people hand over becomes numbers.
+
+    Args:
+        what: what it is called in messages.
+        value: anything array-like: lists, arrays of any real type, masked arrays, series and frames.
+        missing: whether None, NA, NaT and what is masked may stand in it, as NaN.
 
     Raises:
-        InputError: where it does not consist of numbers.
+        InputError: where it does not consist of real numbers, or something is missing that may not.
     """
+    if type(value) is np.ndarray and value.dtype in _OURS:
+        return value
     if is_traced(value):
-        return jnp.asarray(value)
+        array = jnp.asarray(value)
+        if jnp.issubdtype(array.dtype, jnp.complexfloating):
+            raise InputError(f"{what} must be an array of real numbers; it has the type {array.dtype}")
+        return array if array.dtype in _OURS else array.astype(float)
     try:
-        array = np.asarray(value)
-        if array.dtype.kind not in "fiub":
-            raise TypeError(f"it has the type {array.dtype}")
-    except (TypeError, ValueError) as error:
+        return _floats(what, value, missing)
+    except InputError:
+        raise
+    except Exception as error:  # arrays of other libraries raise what they like
         raise InputError(f"{what} must be an array of real numbers; {error}") from error
-    return array if array.dtype.kind == "f" else array.astype(float)
+
+
+_OURS = (np.dtype(np.float64), np.dtype(np.float32))
+
+
+def _floats(what: str, value: Any, missing: bool) -> np.ndarray:
+    data, mask = _unmasked(value)
+    array = np.asarray(data)
+    if array.dtype.kind == "O":
+        array, absent = _from_objects(array)
+        mask = mask | absent
+    elif jnp.issubdtype(array.dtype, jnp.floating) or array.dtype.kind in "iub":
+        array = array if array.dtype in _OURS else array.astype(float)
+    else:
+        raise TypeError(f"it has the type {array.dtype}")
+    if not np.any(mask):
+        return array
+    if not missing:
+        place = [int(i) for i in np.argwhere(mask)[0]]
+        where = f"at {place} it" if place else "it"
+        raise InputError(f"{what} must be complete; {where} is masked or None, and only measurements may be missing")
+    return np.where(mask, np.nan, array)
+
+
+def _unmasked(value: Any) -> tuple[Any, Any]:
+    """Masked arrays, alone or in lists, as their data and what is masked; anything else as it is, and False."""
+    if np.ma.isMaskedArray(value):
+        return np.ma.getdata(value), np.ma.getmaskarray(value)
+    if isinstance(value, list | tuple) and any(isinstance(v, list | tuple | np.ma.MaskedArray) for v in value):
+        parts = [_unmasked(v) for v in value]
+        if any(mask is not False for _, mask in parts):
+            data = [part for part, _ in parts]
+            return data, np.array([np.broadcast_to(mask, np.shape(part)) for part, mask in parts])
+    return value, False
+
+
+def _from_objects(array: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of any Python type, and where there are none: None, NA and NaT, which differ from themselves."""
+    found, absent = np.zeros(array.shape), np.zeros(array.shape, bool)
+    for place, one in np.ndenumerate(array):
+        if one is None or type(one).__name__ in ("NAType", "NaTType", "MaskedConstant"):
+            absent[place] = True
+        elif isinstance(one, Real | Decimal | np.bool_):
+            found[place] = float(one)
+        else:
+            raise TypeError(f"{one!r} is {type(one).__name__}")
+    return found, absent
 
 
 def finite(what: str, value: Any) -> None:

@@ -48,7 +48,7 @@ def contribution(
     if space not in ("measurement", "state"):
         raise unknown("space of contributions", space, ("measurement", "state"))
     names = model.measurement[sensor]
-    value = numbers("z", z)
+    value = numbers("z", z, missing=True)
     if names is None or value.shape != (len(names),):
         raise InputError(f"z must have the shape ({len(names or ())},) for the named components of {sensor!r}")
     finite("z", np.where(np.isnan(value), 0, value))

@@ -1,6 +1,7 @@
 """The edge: what a user gives, checked before any long work and laid out for the engine."""
 
 from collections.abc import Mapping
+from datetime import timedelta
 from typing import Any, NamedTuple
 
 import jax
@@ -15,7 +16,8 @@ from sigmax.models.checks import finite, is_traced, numbers
 from sigmax.models.fusion import Fused, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.running.functions import check_functions, check_linear
+from sigmax.running.functions import check_functions
+from sigmax.running.linearity import check_linear
 
 
 class Prepared(NamedTuple):
@@ -104,9 +106,9 @@ def prepare(filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inpu
         raise InputError(f"the batches differ in size: {batches}")
     batch = next(iter(batches.values()), None)
     dtype = run_type(dtype)
-    check_functions(given, alone, elapsed, inputs_given, sizes)
+    check_functions(given, alone, elapsed, inputs_given, sizes, dtype)
     if filter.linear:
-        check_linear(given, alone, elapsed, inputs_given)
+        check_linear(given, None if inputs_given is None else inputs_given.shape[-1])
 
     return Prepared(
         filter,
@@ -127,15 +129,29 @@ def laid_out_steps(model: Model, dt: Any, inputs: Any, T: int, dtype: Any) -> tu
     return typed(elapsed, dtype), None if u is None else typed(u, dtype)
 
 
-def seconds_of(dt: float) -> float:
-    """The seconds of a step.
+def seconds_of(dt: Any) -> float:
+    """The seconds of a step, from a number or a timedelta.
 
     Raises:
-        InputError: where time runs backwards.
+        InputError: for anything else, and where time runs backwards.
     """
-    if not dt >= 0:
-        raise InputError(f"dt must be a number of seconds, not negative; it is {dt}")
-    return float(dt)
+    value = dt if type(dt) is float else _in_seconds(dt)
+    if np.ndim(value) or not 0 <= value < np.inf:
+        raise InputError(f"dt must be one number of seconds, finite and not negative; it is {dt}")
+    return float(value)
+
+
+def _in_seconds(dt: Any) -> Any:
+    """Seconds as numbers: what is given as a timedelta, of Python, NumPy or pandas, is turned into them."""
+    if isinstance(dt, timedelta):
+        return dt.total_seconds()
+    if not isinstance(dt, float | int | jax.Array) and not is_traced(dt):
+        array = np.asarray(dt)
+        if array.dtype.kind == "O" and array.size and all(isinstance(d, timedelta) for d in array.flat):
+            array = array.astype("timedelta64[us]")
+        if array.dtype.kind == "m":
+            return array / np.timedelta64(1, "s")
+    return numbers("dt", dt)
 
 
 def run_type(dtype: Any) -> np.dtype[Any]:
@@ -196,7 +212,7 @@ def _measurements(model: Model, z: Any) -> dict[str, Any]:
         if s not in by_name:
             continue
         label = f"z[{s!r}]" if s else "z"
-        value = numbers(label, by_name[s])
+        value = numbers(label, by_name[s], missing=True)
         if value.ndim not in (2, 3):
             hint = "; for a scalar measurement use z[:, None]" if value.ndim == 1 else ""
             raise InputError(f"{label} must have the shape (T, m) or (B, T, m); it has {value.shape}{hint}")
@@ -210,7 +226,7 @@ def _measurements(model: Model, z: Any) -> dict[str, Any]:
 
 
 def _elapsed(dt: Any, T: int) -> Any:
-    value = numbers("dt", dt)
+    value = np.asarray(_in_seconds(dt)) if not is_traced(dt) else numbers("dt", dt)
     if value.ndim == 0:
         value = jnp.full((T,), value) if is_traced(value) else np.full(T, value)
     if value.ndim > 2 or value.shape[-1] != T:

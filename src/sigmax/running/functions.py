@@ -1,12 +1,14 @@
 """Checks of a model's own functions, evaluated before a run."""
 
 import functools
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.interpreters.partial_eval import dce_jaxpr
 
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
@@ -15,9 +17,12 @@ from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, takes
 from sigmax.native.refusal import user_line
 from sigmax.running.bounds import check_indices
+from sigmax.running.precision import coarse_constants
 
 
-def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mapping[str, int]) -> None:
+def check_functions(
+    model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mapping[str, int], dtype: Any = np.float64
+) -> None:
     """Evaluate shapes, and the numbers of Q and R at the start where they are functions.
 
     Args:
@@ -26,46 +31,40 @@ def check_functions(model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mappi
         dt: seconds, of which the first count.
         u: inputs, of which the first count; without them what takes inputs is left out.
         sizes: how many components were measured, by sensor; others are left out.
+        dtype: the type of the run.
 
     Raises:
-        InputError: where a function of the model gives a shape that does not fit, or reads beyond what it is given.
+        InputError: where a function of the model gives a shape or a type that does not fit, or reads beyond what it
+            is given.
     """
     driven = u is not None
-    check_shapes(model, u.shape[-1] if driven else None, sizes)
+    check_shapes(model, u.shape[-1] if driven else None, sizes, dtype)
     if is_traced((prior, dt, u)):
         return
-    start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0])
-    first_dt = np.ravel(dt)[0]
-    first_u = () if u is None else (np.asarray(u)[(0,) * (u.ndim - 1)],)
-    moving = [("Q", model.Q, model.size)]
-    if model.bias is not None:
-        moving.append(("the bias's Q", model.bias.Q, model.biases))
-    for label, Q, size in moving:
-        if callable(Q) and (driven or not model.motion_driven):
-            count = takes(Q, label, OF_MOTION)
-            _check_noise(label, Q, ((first_dt,) if count == 1 else (start, first_dt, *first_u)[:count]), size)
-    for s, size in sizes.items():
-        R = model.R[s]
-        if callable(R) and (driven or not model.sensor_driven(s)):
-            label = f"R[{s!r}]" if s else "R"
-            _check_noise(label, R, (start, *first_u)[: takes(R, label, OF_SENSOR)], size)
+    start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0], dtype)
+    first_dt = np.asarray(np.ravel(dt)[0], dtype)
+    first_u = () if u is None else (np.asarray(u[(0,) * (u.ndim - 1)], dtype),)
+    for label, function, allowed, size in _noises(model, driven, sizes):
+        _check_noise(label, function, _taken(function, label, allowed, start, first_dt, first_u), size)
 
 
-def check_shapes(model: Model, inputs: int | None, sizes: Mapping[str, int]) -> None:
-    """Evaluate the shapes of motion, sensors and bias; no number is needed.
+def check_shapes(model: Model, inputs: int | None, sizes: Mapping[str, int], dtype: Any = np.float64) -> None:
+    """Evaluate the shapes of motion, sensors, domain and bias; no number is needed.
 
     Args:
         model: the model as the user has it.
         inputs: how many; None where it is not known: what takes inputs is left out.
         sizes: how many components are measured, by sensor; others are left out.
+        dtype: the type of the run.
 
     Raises:
         InputError: as `check_functions`.
     """
     n = model.size
-    x = jax.ShapeDtypeStruct((n,), jnp.float64)
-    second = jax.ShapeDtypeStruct((), jnp.float64)
-    given = () if inputs is None else (jax.ShapeDtypeStruct((inputs,), jnp.float64),)
+    x, second = (jax.ShapeDtypeStruct(shape, dtype) for shape in ((n,), ()))
+    given = () if inputs is None else (jax.ShapeDtypeStruct((inputs,), dtype),)
+    if model.domain is not None:
+        _shape_of("domain", model.domain, (x,), n, model.state)
     if given or not model.motion_driven:
         _shape_of("motion", model.motion, (x, second, *given)[: 3 if model.motion_inputs else 2], n, model.state)
     sizes = {s: size for s, size in sizes.items() if given or not model.sensor_driven(s)}
@@ -74,7 +73,31 @@ def check_shapes(model: Model, inputs: int | None, sizes: Mapping[str, int]) -> 
         arguments = (x, *given)[: 2 if model.sensor_inputs[s] else 1]
         _shape_of(f"sensor {s!r}" if s else "sensor", model.sensors[s], arguments, size, names)
     if model.bias is not None:
-        _check_bias(model, given, sizes)
+        _check_bias(model, x, second, given, sizes)
+    for label, function, allowed, _ in _noises(model, bool(given), sizes):
+        _shape(label, function, _taken(function, label, allowed, x, second, given))
+
+
+def _noises(model: Model, driven: bool, sizes: Mapping[str, int]) -> Iterator[tuple[str, Any, tuple[int, ...], int]]:
+    """Noises that are functions: what they are called, how many arguments they may take, and their components."""
+    moving = [("Q", model.Q, model.size)]
+    if model.bias is not None:
+        moving.append(("the bias's Q", model.bias.Q, model.biases))
+    if driven or not model.motion_driven:
+        yield from ((label, Q, OF_MOTION, size) for label, Q, size in moving if callable(Q))
+    for s, size in sizes.items():
+        if callable(model.R[s]) and (driven or not model.sensor_driven(s)):
+            yield f"R[{s!r}]" if s else "R", model.R[s], OF_SENSOR, size
+
+
+def _taken(
+    function: Any, what: str, allowed: tuple[int, ...], x: Any, dt: Any, given: tuple[Any, ...]
+) -> tuple[Any, ...]:
+    """The arguments that a noise or a matrix of a bias takes of state, interval and inputs."""
+    count = takes(function, what, allowed)
+    if allowed == OF_SENSOR:
+        return (x, *given)[:count]
+    return (dt,) if count == 1 else (x, dt, *given)[:count]
 
 
 def counted(model: Model) -> dict[str, int]:
@@ -82,24 +105,19 @@ def counted(model: Model) -> dict[str, int]:
     return {s: len(names) for s, names in model.measurement.items() if names is not None}
 
 
-def _check_bias(model: Model, given: tuple[Any, ...], sizes: Mapping[str, int]) -> None:
+def _check_bias(model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Mapping[str, int]) -> None:
     """Shapes of what a bias adds, where functions give it; a sensor's by the columns that were measured."""
     assert model.bias is not None
     p = model.bias.size
-    x, dt = (jax.ShapeDtypeStruct(shape, jnp.float64) for shape in ((model.size,), ()))
-    wanted: list[tuple[str, Any, tuple[Any, ...], int, tuple[int, ...]]] = [
-        ("the motion's bias B", model.bias.motion, (x, dt, *given), model.size, OF_MOTION)
-    ]
+    wanted = [("the motion's bias B", model.bias.motion, model.size, OF_MOTION)]
     for s, F in model.bias.sensor.items():
         label = f"the bias F of the sensor {s!r}" if s else "the sensor's bias F"
-        wanted += [(label, F, (x, *given), sizes[s], OF_SENSOR)] if s in sizes else []
-    for what, C, arguments, rows, allowed in wanted:
+        wanted += [(label, F, sizes[s], OF_SENSOR)] if s in sizes else []
+    for what, C, rows, allowed in wanted:
         if C is None or (not given and callable(C) and takes(C, what, allowed) == allowed[-1]):
             continue
         if callable(C):
-            count = takes(C, what, allowed)
-            arguments = (dt,) if allowed == OF_MOTION and count == 1 else arguments[:count]
-            shape = _shape(what, C, arguments)
+            shape, _ = _shape(what, C, _taken(C, what, allowed, x, dt, given))
         else:
             shape = C.shape
         if shape != (rows, p):
@@ -107,13 +125,13 @@ def _check_bias(model: Model, given: tuple[Any, ...], sizes: Mapping[str, int]) 
 
 
 def _check_noise(label: str, function: Any, arguments: tuple[np.ndarray, ...], size: int) -> None:
-    _check_noise_at(label, function, tuple((a.shape, a.tobytes()) for a in arguments), size)
+    _check_noise_at(label, function, tuple((a.shape, a.dtype.char, a.tobytes()) for a in arguments), size)
 
 
 @functools.lru_cache(maxsize=512)
-def _check_noise_at(label: str, function: Any, at: tuple[tuple[tuple[int, ...], bytes], ...], size: int) -> None:
+def _check_noise_at(label: str, function: Any, at: tuple[tuple[tuple[int, ...], str, bytes], ...], size: int) -> None:
     """Made once for the same arguments: evaluating a function outside a compilation takes milliseconds."""
-    arguments = [jnp.asarray(np.frombuffer(content).reshape(shape)) for shape, content in at]
+    arguments = [jnp.asarray(np.frombuffer(content, kind).reshape(shape)) for shape, kind, content in at]
     _shape(label, function, tuple(jax.ShapeDtypeStruct(a.shape, a.dtype) for a in arguments))
     value = numbers(f"{label}(…)", function(*arguments))
     if is_traced(value):
@@ -126,17 +144,38 @@ def _check_noise_at(label: str, function: Any, at: tuple[tuple[tuple[int, ...], 
 
 
 @functools.lru_cache(maxsize=512)
-def _evaluated_shape(function: Any, arguments: tuple[Any, ...]) -> tuple[int, ...]:
-    """The shape a function gives; found once, because tracing costs more than a short run."""
-    traced, made = jax.make_jaxpr(lambda *a: jnp.asarray(function(*a)), return_shape=True)(*arguments)
+def _evaluated(function: Any, arguments: tuple[Any, ...]) -> tuple[tuple[int, ...], np.dtype[Any], bool, list[str]]:
+    """Shape and type of what a function gives, whether it depends on anything, and its constants of too few digits.
+
+    Found once, because tracing costs more than a short run.
+    """
+    traced, made = jax.make_jaxpr(lambda *a: _as_array(function(*a)), return_shape=True)(*arguments)
     check_indices(traced)
-    shape: tuple[int, ...] = made.shape
-    return shape
+    _, used = dce_jaxpr(traced.jaxpr, [True])
+    double = arguments[0].dtype == np.float64
+    coarse = coarse_constants(function, traced) if double else []
+    if double and made.dtype == np.float32:
+        coarse.append("what it returns")
+    return made.shape, np.dtype(made.dtype), any(used), coarse
 
 
-def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> tuple[int, ...]:
+def _as_array(result: Any) -> jax.Array:
+    if result is None:
+        raise InputError("it returns nothing: is a return missing?")
     try:
-        return _evaluated_shape(function, arguments)
+        return jnp.asarray(result)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, jax.errors.JAXTypeError):
+            raise
+        raise InputError(f"it returns {type(result).__name__}, which is no array of numbers; {error}") from error
+
+
+def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> tuple[tuple[int, ...], str]:
+    """Shape of what a function gives, and why its type would not do where derivatives are taken of it, or nothing."""
+    try:
+        shape, kind, varies, coarse = _evaluated(function, arguments)
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
     except IndexError as error:
         shapes = [a.shape for a in arguments]
         raise InputError(f"{what}, given arrays of the shapes {shapes}: {error}") from error
@@ -151,39 +190,21 @@ def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> tuple[int, .
             f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}"
         )
         raise
+    if coarse:
+        warnings.warn(
+            f"in {what} {' and '.join(coarse)} has the seven digits of float32, and the run is in float64: make it after "
+            "`import sigmax`, or from Python's own floats; .astype(float) says that they are all there are",
+            stacklevel=2,
+        )
+    wrong = "" if jnp.issubdtype(kind, jnp.floating) else f"{what} must return real numbers of float64; it returns {kind}"
+    if wrong and (varies or kind.kind not in "iu"):
+        raise InputError(f"{wrong}, which has no derivative: leave out the conversion to whole numbers or complex ones")
+    return shape, wrong
 
 
 def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, names: Any) -> None:
-    shape = _shape(what, function, arguments)
+    shape, wrong = _shape(what, function, arguments)
+    if wrong:
+        raise InputError(f"{wrong}: write 1.0 for 1")
     if shape != (size,):
         raise InputError(f"{what} must return the {size} components {list(names)}, shape ({size},); it returns {shape}")
-
-
-def check_linear(model: Model, prior: Gaussian, dt: Any, u: Any) -> None:
-    """Refuse a model whose derivative is not the same everywhere, its bias included."""
-    if is_traced((prior, dt, u)):
-        return
-    n = model.size
-    rng = np.random.default_rng(0)
-    points = rng.standard_normal((2, n)) * 10
-    first_dt = float(np.ravel(dt)[0])
-    given = () if u is None else (jnp.asarray(np.reshape(u, (-1, u.shape[-1]))[0]),)
-    functions = {
-        "motion": functools.partial(_drop, model.motion, (first_dt, *given)[: 2 if model.motion_inputs else 1])
-    }
-    for s, h in model.sensors.items():
-        functions[f"sensor {s!r}" if s else "sensor"] = functools.partial(_drop, h, given[: model.sensor_inputs[s]])
-    if model.bias is not None:
-        B, F = model.bias.motion, model.bias.sensor
-        bent = [f"F of the sensor {s!r}" if s else "F" for s, C in F.items() if callable(C)]
-        bent += ["B"] if callable(B) and takes(B, "B", OF_MOTION) > 1 else []
-        if bent:
-            raise InputError(f"KF is for linear models, and {bent[0]} of the bias depends on the state; take EKF")
-    for what, g in functions.items():
-        a, b = (np.asarray(jax.jacfwd(g)(jnp.asarray(p))) for p in points)
-        if not np.allclose(a, b, rtol=1e-9, atol=1e-12 * np.abs(a).max(initial=1)):
-            raise InputError(f"KF is for linear models, and {what} is not linear; take EKF or a sigma-point filter")
-
-
-def _drop(function: Any, rest: tuple[Any, ...], x: Any) -> Any:
-    return jnp.asarray(function(x, *rest))

@@ -75,7 +75,7 @@ class Members(NamedTuple):
         for s, value in z.items():
             if s not in self.model.sensors:
                 raise unknown("sensor", s, self.model.sensors)
-            heard[s] = np.asarray(numbers(f"z[{s!r}]", value), float)
+            heard[s] = np.asarray(numbers(f"z[{s!r}]", value, missing=True), float)
             names = self.model.measurement[s] or ()
             if heard[s].shape != (*tracks, len(names)):
                 raise InputError(

@@ -49,7 +49,7 @@ class Given:
 
     def measurement(self, z: Any, sensor: str | None) -> tuple[str, np.ndarray]:
         """The sensor and what it measured (m,) or (B, m)."""
-        value = np.asarray(z, self._dtype)
+        value = np.asarray(numbers("z", z, missing=True), self._dtype)
         if sensor is None and value.shape == self._shape:
             return "", value
         sensor = self.sensor(sensor)
@@ -91,4 +91,4 @@ class Given:
         return value
 
     def _check(self, u: np.ndarray | None) -> None:
-        check_functions(self._asked, self._prior, 1.0, u, counted(self._asked))
+        check_functions(self._asked, self._prior, 1.0, u, counted(self._asked), self._dtype)

@@ -54,7 +54,7 @@ class RowSteps:
 
     def __init__(self, filter: Filter | str, model: Model, *, dtype: Any = "float64", backend: str | None = None):
         self.filter, self.dtype, self.backend = as_filter(filter), run_type(dtype), backend
-        check_shapes(model, None, counted(model))
+        check_shapes(model, None, counted(model), self.dtype)
         self.model = cast(model, self.dtype)
         self.packing = lowered(self.filter, self.model, 0, self.dtype).packing
         self._lower = np.flatnonzero(np.tri(self.packing.n))

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError, unknown
+from sigmax.models.checks import numbers
 from sigmax.tracking import life as lives
 from sigmax.tracking.associate import Associate, Evidence, gnn
 from sigmax.tracking.detector import Detector, Scan
@@ -80,20 +81,20 @@ class Cycle:
         model = self.modes.model
         if scan.sensor not in self.detectors:
             raise unknown("sensor", scan.sensor, self.detectors)
-        z = np.asarray(scan.z, float)
+        z = np.asarray(numbers("the plots of a scan", scan.z, missing=True), float)
         names = model.measurement[scan.sensor]
         m = len(names) if names is not None else (z.shape[1] if z.ndim == 2 else 0)
         z = z.reshape(0, m) if z.size == 0 else z
         if z.ndim != 2 or z.shape[1] != m:
             raise InputError(f"the plots of {scan.sensor or 'the sensor'} need the shape (k, {m}); it is {z.shape}")
-        if not np.isfinite(scan.time):
+        if np.ndim(time := numbers("the time of a scan", scan.time)) or not np.isfinite(time):
             raise InputError(f"a scan needs a time in seconds; it is {scan.time}")
         # Of plots that are the same to the last digit, one counts.
         z = np.where(firsts(z)[:, None], z, np.nan)
-        u = None if scan.u is None else np.asarray(scan.u, float)
+        u = None if scan.u is None else np.asarray(numbers("u of a scan", scan.u), float)
         if model.sensor_inputs[scan.sensor] and (u is None or not np.isfinite(u).all()):
             raise InputError(f"the sensor {scan.sensor!r} takes inputs: Scan(…, u=) must be finite numbers; it is {u}")
-        return Scan(float(scan.time), scan.sensor, z, u)
+        return Scan(float(time), scan.sensor, z, u)
 
     def advance(self, state: State, scan: Scan) -> tuple[State, Told]:
         """The state after a scan that is not older than it, and what the scan did."""
