@@ -64,6 +64,7 @@ class Record(ctypes.Structure):
         ("sensors", ctypes.c_long),
         ("sensor", ctypes.POINTER(Sensor)),
         *((k, ctypes.c_void_p) for k in ("state", "total", "mean", "factor", "nis", "log_likelihood", "fault", "dof")),
+        ("moving_from", ctypes.c_long),
     ]
 
 

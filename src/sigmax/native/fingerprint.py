@@ -46,9 +46,14 @@ def installation() -> bytes:
     return repr((sys.version, jax.__version__, np.__version__, about)).encode()
 
 
-def fingerprint(*things: Any) -> str | None:
-    """A digest of functions and values; None where something in them cannot be seen through."""
-    digest = hashlib.sha256(installation())
+def fingerprint(*things: Any, installed: bytes | None = None) -> str | None:
+    """A digest of functions and values; None where something in them cannot be seen through.
+
+    Args:
+        things: what it is of.
+        installed: what it stands on, if not this very installation.
+    """
+    digest = hashlib.sha256(installation() if installed is None else installed)
     try:
         for part in _parts(things, {}):
             digest.update(part)

@@ -89,6 +89,7 @@ def _record(path: Path, description: Description) -> Record:
         licence=description.licence,
         notes=(*silent, *notes),
         doubts=doubts(description, built, table, time, names, rows, measured),
+        update_first=True,
     )
 
 

@@ -53,7 +53,7 @@ class Record:
         name: short, for folders and tables.
         title: in words.
         model: the model, in SI and radians.
-        prior: the state at the first time of each track.
+        prior: the state one dt before the first time of each track, or at it: see `update_first`.
         tracks: their names (B).
         time: seconds since `epoch`, or as the source counts them (B, T).
         steps: the length of each track (B,); what lies behind is padding.
@@ -72,6 +72,7 @@ class Record:
         doubts: what looks as if it were meant otherwise: a unit, a column of tracks, rows that stand there twice.
         backdrop: the map below the path, or None.
         bias_dimensions: of the components of the model's bias.
+        update_first: whether the prior stands at the first time of each track, as in `sigmax.run`.
     """
 
     name: str
@@ -96,6 +97,7 @@ class Record:
     doubts: tuple[str, ...] = ()
     backdrop: Backdrop | None = None
     bias_dimensions: tuple[Dimension, ...] = ()
+    update_first: bool = False
 
     @property
     def real(self) -> np.ndarray:

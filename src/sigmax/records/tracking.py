@@ -49,7 +49,7 @@ def check(record: Record, trials: tuple[Trial, ...]) -> None:
             # Checks of the engine look at the functions and the first step; the record itself is checked already.
             z = {s: v[:, :1] for s, v in record.z.items()} if isinstance(record.z, dict) else record.z[:, :1]
             inputs = None if record.inputs is None else record.inputs[:, :1]
-            prepare(trial.filter, model, prior, z, record.dt[:, :1], inputs, "float64")
+            prepare(trial.filter, model, prior, z, record.dt[:, :1], inputs, "float64", record.update_first)
             for rule in (trial.filter.predict, trial.filter.correct):
                 if isinstance(rule, SigmaPoints):
                     rule.points(model.size + model.biases)
@@ -69,7 +69,16 @@ def track(record: Record, trial: Trial) -> Outcome:
 
     def once() -> tuple[Result, float]:
         started = time.perf_counter()
-        result = run(trial.filter, model, prior, record.z, dt=record.dt, inputs=record.inputs, keep=_KEPT)
+        result = run(
+            trial.filter,
+            model,
+            prior,
+            record.z,
+            dt=record.dt,
+            inputs=record.inputs,
+            update_first=record.update_first,
+            keep=_KEPT,
+        )
         # Looking at the numbers waits for them.
         np.asarray(result.mean)
         return result, time.perf_counter() - started

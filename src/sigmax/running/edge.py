@@ -35,6 +35,7 @@ class Prepared(NamedTuple):
         u: (T, k) or (B, T, k), or None.
         batch: B, or None; what has no batch of its own is the same for all tracks.
         fused: what was put together before the run, where sensors are fused.
+        update_first: whether the first step is a correction alone.
     """
 
     filter: Filter
@@ -46,6 +47,7 @@ class Prepared(NamedTuple):
     u: Any
     batch: int | None
     fused: Fused | None = None
+    update_first: bool = False
 
 
 def as_filter(filter: Filter | str) -> Filter:
@@ -61,8 +63,12 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
     """Filter, model and prior as the engines take them: a bias beside the state, where the form wants it.
 
     Raises:
-        InputError: where the prior does not fit the model.
+        InputError: where one of them is something else, or the prior does not fit the model.
     """
+    if not isinstance(model, Model):
+        raise InputError(f"model must be a sigmax.Model, it is {type(model).__name__}")
+    if not isinstance(prior, Gaussian):
+        raise InputError(f"prior must be a sigmax.Gaussian, it is {type(prior).__name__}")
     if prior.size != model.size:
         raise InputError(f"the prior has {prior.size} components, the model {model.size}: {list(model.state)}")
     filter, first = filter.on(model.biases), filter.form.bias_first
@@ -71,16 +77,21 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
     return filter, model.placed(first), prior
 
 
-def prepare(filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inputs: Any, dtype: Any) -> Prepared:
-    """Check everything and lay it out.
+def prepare(
+    filter: Filter,
+    model: Model,
+    prior: Gaussian,
+    z: Any,
+    dt: Any,
+    inputs: Any,
+    dtype: Any,
+    update_first: bool = False,
+) -> Prepared:
+    """Check everything and lay it out; the arguments are those of `run`.
 
     Raises:
         InputError: for whatever does not fit, in words.
     """
-    if not isinstance(model, Model):
-        raise InputError(f"model must be a sigmax.Model, it is {type(model).__name__}")
-    if not isinstance(prior, Gaussian):
-        raise InputError(f"prior must be a sigmax.Gaussian, it is {type(prior).__name__}")
     given, alone = model, prior
     filter, model, prior = joined(filter, model, prior)
     measured = _measurements(model, z)
@@ -88,7 +99,9 @@ def prepare(filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inpu
     T = next(iter(steps.values()))
     if len(set(steps.values())) > 1:
         raise InputError(f"all sensors need the same number of time steps, NaN where one did not report; got {steps}")
-    elapsed = _elapsed(dt, T)
+    if not isinstance(update_first, bool):
+        raise InputError(f"update_first must be True or False, it is {update_first!r}")
+    elapsed = _elapsed(dt, T, update_first)
     u = inputs_given = _inputs(model, inputs, T)
     fused = None
     sizes = {s: v.shape[-1] for s, v in measured.items()}
@@ -120,12 +133,14 @@ def prepare(filter: Filter, model: Model, prior: Gaussian, z: Any, dt: Any, inpu
         None if u is None else typed(u, dtype),
         batch,
         fused,
+        update_first,
     )
 
 
 def laid_out_steps(model: Model, dt: Any, inputs: Any, T: int, dtype: Any) -> tuple[Any, Any]:
     """Dt (T,) or (B, T) and inputs (T, k) or (B, T, k) of a run, checked and in its type."""
-    elapsed, u = _elapsed(dt, T), _inputs(model, inputs, T)
+    # No smoother goes back beyond the first step: its dt is never read.
+    elapsed, u = _elapsed(dt, T, True), _inputs(model, inputs, T)
     return typed(elapsed, dtype), None if u is None else typed(u, dtype)
 
 
@@ -225,13 +240,19 @@ def _measurements(model: Model, z: Any) -> dict[str, Any]:
     return result
 
 
-def _elapsed(dt: Any, T: int) -> Any:
+def _elapsed(dt: Any, T: int, update_first: bool) -> Any:
     value = np.asarray(_in_seconds(dt)) if not is_traced(dt) else numbers("dt", dt)
     if value.ndim == 0:
         value = jnp.full((T,), value) if is_traced(value) else np.full(T, value)
+    array: Any = jnp if is_traced(value) else np
+    if update_first and value.shape[-1] in (T - 1, T):
+        later = value[..., value.shape[-1] - T + 1 :]
+        value = array.concatenate([array.zeros_like(later, shape=(*later.shape[:-1], 1)), later], -1)
     if value.ndim > 2 or value.shape[-1] != T:
+        hint = "; with update_first=True, where the prior stands at the first measurement, that would do"
         raise InputError(
             f"dt must be a number of seconds, or one for each of the {T} steps; its shape is {value.shape}"
+            f"{hint if value.shape[-1] == T - 1 else ''}"
         )
     finite("dt", value)
     if not is_traced(value) and (np.asarray(value) < 0).any():

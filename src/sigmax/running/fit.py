@@ -46,6 +46,7 @@ def fit(
     *,
     dt: Any = 1.0,
     inputs: Any = None,
+    update_first: bool = False,
     positive: Collection[str] = (),
 ) -> Fit:
     """Fit parameters by the likelihood that a filter gives a record, its gradient exact.
@@ -57,6 +58,7 @@ def fit(
         z: the record, as in `run`; the likelihoods of a batch are added.
         dt: as in `run`.
         inputs: as in `run`.
+        update_first: as in `run`.
         positive: names of parameters that must stay positive (deviations, densities): they are
             searched by their logarithm.
 

@@ -99,6 +99,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
         pointer(state),
         pointer(total),
         *(pointer(a) for a in parts.values()),
+        int(ready.update_first),
     )
     single = dtype == np.float32
     over_cores(driver(single)["record"], job, B, single)

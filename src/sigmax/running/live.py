@@ -1,5 +1,7 @@
 """A filter at the end of a live sensor: the one object with a state."""
 
+from datetime import timedelta
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,8 +19,16 @@ from sigmax.running.fusing import Members, with_members_live
 from sigmax.running.given import Given
 from sigmax.running.live_lanes import LaneState
 from sigmax.running.live_xla import XlaState
-from sigmax.running.saved import restored, saved
+from sigmax.running.saved import identity, restored, saved
 from sigmax.running.step import Belief, Fault, Innovation
+
+_NUMBER, _INFINITY = (float, int), float("inf")
+
+
+def _shared() -> InputError:
+    return InputError(
+        "another thread is using this live filter; give each thread a filter of its own, or hold a lock around its calls"
+    )
 
 
 class Live:
@@ -34,8 +44,10 @@ class Live:
     What a model needs is compiled when it is made or first used, which takes up to some seconds; then
     a step takes microseconds. One that is not sound leaves the state as it was; `ok` and `fault` tell.
 
+    It has one state and belongs to one thread at a time. It can be pickled where the functions of the model can.
+
     Raises:
-        InputError: for whatever does not fit.
+        InputError: for whatever does not fit, and where two threads call it at once.
     """
 
     def __init__(
@@ -47,16 +59,17 @@ class Live:
         dtype: Any = "float64",
         backend: str | None = None,
     ) -> None:
-        asked = model, prior
-        self.filter, model, prior = joined(as_filter(filter), model, prior)
+        self._asked = as_filter(filter), model, prior
+        self.filter, model, prior = joined(*self._asked)
         self.apart = model  # its sensors, where they are fused
         self._members, model = Members.of(model)
         self._dtype = run_type(dtype)
         self._batched = prior.mean.ndim == 2
         self._tracks = (len(prior.mean),) if self._batched else ()
         self._backend = backend
+        self._busy = False
         self.model = cast(model, self._dtype)
-        self._given = Given(self.model, self._dtype, prior.mean.shape[:-1], *asked)
+        self._given = Given(self.model, self._dtype, prior.mean.shape[:-1], *self._asked[1:])
         mean = typed(prior.mean, self._dtype)
         cov = starting_cov(self.filter, prior, self._dtype)
         parts = self.filter, self.model, mean, cov
@@ -67,6 +80,8 @@ class Live:
     @property
     def mean(self) -> np.ndarray:
         """The estimate (n,) or (B, n)."""
+        if self._busy:
+            raise _shared()
         mean = self._state.read_mean()
         return mean if self.model.bias is None else mean[..., self.model.own]
 
@@ -88,6 +103,8 @@ class Live:
     @property
     def cov(self) -> np.ndarray:
         """Its covariance (n, n) or (B, n, n)."""
+        if self._busy:
+            raise _shared()
         cov = self._state.read_cov()
         return cov if self.model.bias is None else cov[..., self.model.own, self.model.own]
 
@@ -99,6 +116,8 @@ class Live:
     @property
     def belief(self) -> Belief:
         """Mean and factor of state and bias together, batch last, and what the form carries beside them."""
+        if self._busy:
+            raise _shared()
         return self._state.belief
 
     @property
@@ -113,7 +132,7 @@ class Live:
         found = [Fault(int(f)) for f in np.ravel(self._state.fault)]
         return found if self._batched else found[0]
 
-    def predict(self, dt: float, u: Any = None) -> None:
+    def predict(self, dt: float | timedelta, u: Any = None) -> None:
         """Move the state dt seconds on, with inputs u (k,) where the motion takes them."""
         u = u if self._members is None else self._members.inputs(u)
         self._do("predict", seconds_of(dt), self._given.inputs(u, "motion"))
@@ -152,55 +171,75 @@ class Live:
                 "name the components of the measurement in the model: R is a function and does not count them"
             )
         nothing = np.zeros((*self._tracks, len(names)), self._dtype)
-        before, fault = self._state.belief, np.array(self._state.fault)
-        told = self._do("update", name, nothing, self._given.noise(name, R), self._given.inputs(u, "sensor", name))
+        given = self._given.noise(name, R), self._given.inputs(u, "sensor", name)
+        before, fault = self.belief, np.array(self._state.fault)
+        told = self._do("update", name, nothing, *given)
         self.put(before, fault)
         return -np.asarray(told.residual), covariances(np.asarray(told.factor))
 
-    def step(self, z: Any, dt: float, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
+    def step(self, z: Any, dt: float | timedelta, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """`predict(dt)` and `update(z)` in one compiled call."""
         if self._members is not None:
             together = self._members.together(z, sensor, R, u, self._tracks)
             self.predict(dt, u)
             return self.update_together(together)
-        if R is None and u is None:
+        if R is None and u is None and z is not None and isinstance(dt, _NUMBER) and 0 <= dt < _INFINITY:
             whole = self._state.whole.get(sensor)
-            if whole is not None and dt >= 0:
-                told = whole(dt, None, z)
+            if whole is not None:
+                if self._busy:
+                    raise _shared()
+                self._busy = True
+                try:
+                    told = whole(dt, None, z)
+                finally:
+                    self._busy = False
                 if told is not NotImplemented:
                     return told
         name, value = self._given.measurement(z, sensor)
         used = None if R is None else self._given.noise(name, R)
         given = self._given.inputs(u, "motion", name)
-        seconds = seconds_of(dt)
-        try:
-            return self._state.step(name, seconds, value, used, given)
-        except (Refused, Unavailable) as error:
-            self._fall_back(error)
-        return self._state.step(name, seconds, value, used, given)
+        return self._do("step", name, seconds_of(dt), value, used, given)
 
     def save(self) -> bytes:
         """The state as bytes; `restore` gives it back bit for bit, in another process too."""
-        return saved(self.belief, self._state.fault)
+        return saved(self.belief, self._state.fault, self._identity)
 
     def restore(self, bytes: bytes) -> None:
-        """Take up a state that `save` gave, of the same filter, model and batch.
+        """Take up a state that `save` gave, of the same filter, model, batch and version of the library.
 
         Raises:
-            InputError: where the bytes are no such state.
+            InputError: where the bytes are no such state, damaged, not finite, or of something else.
         """
-        self.put(*restored(bytes, self.belief))
+        self.put(*restored(bytes, self.belief, self._state.fault, self._identity))
+
+    @cached_property
+    def _identity(self) -> dict[str, Any]:
+        return identity(*self._asked[:2])
+
+    def __getstate__(self) -> tuple[Any, ...]:
+        """How it was made, and its state: what is compiled is found again."""
+        return self._asked, str(self._dtype), self._backend, self.save()
+
+    def __setstate__(self, given: tuple[Any, ...]) -> None:
+        asked, dtype, backend, content = given
+        self.__init__(*asked, dtype=dtype, backend=backend)  # type: ignore[misc]
+        self.restore(content)
 
     def _deviations(self, rows: slice) -> np.ndarray:
         S = self._state.factor[..., rows, :]
         return np.sqrt((S * S).sum(-1))
 
     def _do(self, what: str, *arguments: Any) -> Any:
+        if self._busy:
+            raise _shared()
+        self._busy = True
         try:
             return getattr(self._state, what)(*arguments)
         except (Refused, Unavailable) as error:
             self._fall_back(error)
-        return getattr(self._state, what)(*arguments)
+            return getattr(self._state, what)(*arguments)
+        finally:
+            self._busy = False
 
     def _fall_back(self, error: Exception) -> None:
         """Go on with XLA where a part turns out not to be lowered.
@@ -215,6 +254,8 @@ class Live:
 
     def put(self, belief: Belief, fault: Any) -> None:
         """Take up a belief laid out as `belief` gives it."""
+        if self._busy:
+            raise _shared()
         self._state.belief = belief
         if isinstance(self._state, LaneState):
             self._state.fault[...] = fault

@@ -23,6 +23,7 @@ def run(
     *,
     dt: Any = 1.0,
     inputs: Any = None,
+    update_first: bool = False,
     keep: Collection[str] = PARTS,
     dtype: Any = "float64",
     backend: str | None = None,
@@ -32,11 +33,13 @@ def run(
     Args:
         filter: a name of the catalogue, or a filter from `get` or of your own parts.
         model: the model.
-        prior: the state one dt before the first measurement (dt[0] = 0: at the first measurement).
+        prior: the state one dt before the first measurement, or at it: see `update_first`.
         z: measurements (T, m), or (B, T, m) for B tracks at once; NaN is missing, whole or in part.
             A dict by sensor name where the model has several; they are corrected in its order.
-        dt: seconds since the step before: one number, (T,) or (B, T).
+        dt: seconds since the step before: one number, (T,) or (B, T); timedeltas, too.
         inputs: (T, k) or (B, T, k) for motions and sensors that take u.
+        update_first: whether the prior stands at the first measurement: then no motion and no Q come before that one,
+            whatever the motion. The first dt is not read, and may be left out: (T − 1,) or (B, T − 1).
         keep: which parts of the result to store, to save memory on large batches; the log-likelihood
             of the record always is.
         dtype: float64, or float32 where the square-root forms allow it.
@@ -54,7 +57,7 @@ def run(
     for part in keep:
         if part not in PARTS:
             raise unknown("part of a result", part, PARTS)
-    ready = prepare(chosen, model, prior, z, dt, inputs, dtype)
+    ready = prepare(chosen, model, prior, z, dt, inputs, dtype, update_first)
     kept = frozenset(keep) | ({"dof"} if ready.fused is not None else set())
     traced = is_traced(ready)
     total, parts = attempt(

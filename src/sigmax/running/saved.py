@@ -1,37 +1,89 @@
-"""The state of a live filter as bytes."""
+"""The state of a live filter as bytes that say what they belong to and notice any damage."""
 
-import io
-import zipfile
+import hashlib
+import json
+import platform
 from typing import Any
 
 import jax
 import numpy as np
 
+from sigmax import __version__
 from sigmax.errors import InputError
+from sigmax.filters import Filter
+from sigmax.models.model import Model
+from sigmax.native.fingerprint import fingerprint
 from sigmax.running.step import Belief
 
-
-def saved(belief: Belief, fault: Any) -> bytes:
-    """A belief and its fault as bytes."""
-    buffer = io.BytesIO()
-    np.savez(buffer, *[np.asarray(a) for a in jax.tree.leaves(belief)], fault=np.asarray(fault))
-    return buffer.getvalue()
+_BEGINNING = b"sigmax state 2\n"
+_DIGEST = hashlib.sha256().digest_size
 
 
-def restored(content: bytes, like: Belief) -> tuple[Belief, np.ndarray]:
-    """The belief and the fault of bytes, laid out as `like`.
+def identity(filter: Filter, model: Model) -> dict[str, Any]:
+    """What a state belongs to: whoever differs in one of these cannot take it up.
+
+    The functions and numbers of filter and model are in the fingerprint, where they can be seen through; bytecode
+    is part of it, so that it says something to the same Python only.
+    """
+    found = fingerprint(filter, vars(model), installed=b"")
+    return {
+        "version": __version__,
+        "filter": filter.name,
+        "form": filter.form.name,
+        "state": list(map(str, model.state)),
+        "bias": [] if model.bias is None else list(map(str, model.bias.names)),
+        "sensors": {s: None if names is None else list(map(str, names)) for s, names in model.measurement.items()},
+        "fingerprint": None if found is None else f"{platform.python_version()} {found}",
+    }
+
+
+def saved(belief: Belief, fault: Any, owner: dict[str, Any]) -> bytes:
+    """A belief and its fault as bytes: a digest of the rest, what the state belongs to, its arrays."""
+    arrays = [np.ascontiguousarray(a) for a in (*jax.tree.leaves(belief), np.asarray(fault, np.int8))]
+    about = {"owner": owner, "arrays": [[a.dtype.str, list(a.shape)] for a in arrays]}
+    content = json.dumps(about).encode() + b"\n" + b"".join(a.tobytes() for a in arrays)
+    return _BEGINNING + hashlib.sha256(content).digest() + content
+
+
+def restored(content: bytes, like: Belief, fault: Any, owner: dict[str, Any]) -> tuple[Belief, np.ndarray]:
+    """The belief and the fault of bytes, laid out as `like` and `fault`.
 
     Raises:
-        InputError: where the bytes are no such state.
+        InputError: where the bytes are no such state, damaged, of another filter or model, or not finite.
     """
+    if not isinstance(content, bytes | bytearray | memoryview):
+        raise InputError(f"a saved state is bytes, as Live.save gives them; this is {type(content).__name__}")
+    content = bytes(content)
+    start = len(_BEGINNING) + _DIGEST
+    if not content.startswith(_BEGINNING):
+        raise InputError(f"these {len(content)} bytes are no saved state of this version of sigmax")
+    if hashlib.sha256(content[start:]).digest() != content[len(_BEGINNING) : start]:
+        raise InputError(f"these {len(content)} bytes are no saved state any more: they were damaged or cut off")
+    header, _, rest = content[start:].partition(b"\n")
+    about = json.loads(header)
+    _check_owner(about["owner"], owner)
     leaves, structure = jax.tree.flatten(like)
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as stored:
-            found = [stored[f"arr_{i}"] for i in range(len(stored.files) - 1)]
-            fault = stored["fault"]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"these {len(content)} bytes are no saved state: {error}") from error
-    have, want = ([(a.shape, str(a.dtype)) for a in arrays] for arrays in (found, leaves))
-    if have != want:
-        raise InputError(f"the saved state has arrays {have}, this filter needs {want}")
-    return jax.tree.unflatten(structure, found), fault
+    wanted = [[np.dtype(a.dtype).str, list(np.shape(a))] for a in (*leaves, np.asarray(fault, np.int8))]
+    if about["arrays"] != wanted:
+        raise InputError(f"the saved state has arrays {about['arrays']}, this filter needs {wanted}")
+    found, at = [], 0
+    for kind, shape in wanted:
+        count = int(np.prod(shape))
+        found.append(np.frombuffer(rest, kind, count, at).reshape(shape).copy())
+        at += found[-1].nbytes
+    if not all(np.isfinite(a).all() for a in found):
+        raise InputError("the saved state is not finite")
+    return jax.tree.unflatten(structure, found[:-1]), found[-1]
+
+
+def _check_owner(owner: dict[str, Any], wanted: dict[str, Any]) -> None:
+    for what, value in wanted.items():
+        if what != "fingerprint" and owner[what] != value:
+            raise InputError(f"the saved state is of another {what}: it has {owner[what]}, here it needs {value}")
+    ours, theirs = wanted["fingerprint"], owner["fingerprint"]
+    # Of another Python, or of functions that cannot be seen through, the names have to do.
+    if ours and theirs and ours.split()[0] == theirs.split()[0] and ours != theirs:
+        raise InputError(
+            "the saved state is of another model or filter of the same names: functions, noises or parameters differ; "
+            "begin anew from its mean and covariance as a prior if that is meant"
+        )

@@ -63,22 +63,22 @@ def filtered(keep: frozenset[str], ready: Prepared, traced: bool) -> Parts:
         )
     # Options of a compilation belong to the outermost one.
     if traced or tracing():
-        made = jax.jit(_scan, static_argnums=(0, 1))(filter, keep, ready.model, *laid)
+        made = jax.jit(_scan, static_argnums=(0, 1, 2))(filter, keep, ready.update_first, ready.model, *laid)
     else:
-        made = _over_cores(filter, keep, ready.model, laid)
+        made = _over_cores(filter, keep, ready.update_first, ready.model, laid)
     if ready.batch is None:
         return made if traced else jax.tree.map(np.asarray, made)
     return jax.tree.map(batch_first, made)
 
 
-def _over_cores(filter: Filter, keep: frozenset[str], model: Model, laid: _Laid) -> Parts:
+def _over_cores(filter: Filter, keep: frozenset[str], update_first: bool, model: Model, laid: _Laid) -> Parts:
     """A large batch in as many equal parts as there are cores: the compiler alone uses little more than one."""
     cores = os.cpu_count() or 1
     batch = laid.mean.shape[1] if laid.mean.ndim == 2 else 1
     small = cores == 1 or batch < cores * _SMALLEST_PART
     # What is opaque is to be called once for the whole batch, and never by two threads at a time.
     if jax.default_backend() != "cpu" or small or _opaque(model, laid):
-        return _compiled_scan(filter, keep, model, *laid)
+        return _compiled_scan(filter, keep, update_first, model, *laid)
     size = -(-batch // cores)
     # Equal parts share one compilation; the last one repeats some tracks to be as long as the others.
     starts = [min(i * size, batch - size) for i in range(cores)]
@@ -89,7 +89,7 @@ def _over_cores(filter: Filter, keep: frozenset[str], model: Model, laid: _Laid)
             jax.tree.map(lambda a: a[..., start : start + size], value) if cut else value
             for value, cut in zip(laid, cuts, strict=True)
         )
-        return jax.block_until_ready(_compiled_scan(filter, keep, model, *mine))
+        return jax.block_until_ready(_compiled_scan(filter, keep, update_first, model, *mine))
 
     with ThreadPoolExecutor(cores) as pool:
         parts = list(pool.map(part, starts))
@@ -110,14 +110,31 @@ def _opaque(model: Model, laid: _Laid) -> bool:
 
 
 def _scan(
-    filter: Filter, keep: frozenset[str], model: Model, mean: Any, cov: Any, z: dict[str, Any], dt: Any, u: Any
+    filter: Filter,
+    keep: frozenset[str],
+    update_first: bool,
+    model: Model,
+    mean: Any,
+    cov: Any,
+    z: dict[str, Any],
+    dt: Any,
+    u: Any,
 ) -> Parts:
     """The run over a record: total log-likelihood and what is kept, batch last."""
     root = noise_roots(model)
 
-    def step(carry: tuple[Belief, jax.Array], at: _Laid) -> tuple[tuple[Belief, jax.Array], dict[str, Any]]:
-        belief, total = carry
-        belief, fault = predict(filter, model, root, belief, at.dt, at.u)
+    def step(
+        carry: tuple[Belief, jax.Array], here: tuple[_Laid, jax.Array]
+    ) -> tuple[tuple[Belief, jax.Array], dict[str, Any]]:
+        (belief, total), (at, moving) = carry, here
+
+        def moved(belief: Belief) -> tuple[Belief, jax.Array]:
+            return predict(filter, model, root, belief, at.dt, at.u)
+
+        def stayed(belief: Belief) -> tuple[Belief, jax.Array]:
+            return belief, jnp.zeros(belief.mean.shape[1:], jnp.int8)
+
+        belief, fault = jax.lax.cond(moving, moved, stayed, belief) if update_first else moved(belief)
         sound = fault <= 0
         told = {}
         # In the model's order: JAX sorts the keys of a dict.
@@ -142,11 +159,12 @@ def _scan(
     started = begin(filter, mean, cholesky(cov)[0])
     zero = jnp.zeros(mean.shape[1:], mean.dtype)
     records = _Laid(mean=None, cov=None, z=z, dt=dt, u=u)
-    (_, total), parts = jax.lax.scan(step, (started, zero), records)
+    moving = jnp.arange(dt.shape[0]) > 0
+    (_, total), parts = jax.lax.scan(step, (started, zero), (records, moving))
     return total, parts
 
 
-_compiled_scan = compiled(_scan, static=(0, 1))
+_compiled_scan = compiled(_scan, static=(0, 1, 2))
 
 
 def _corrected(

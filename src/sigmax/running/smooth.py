@@ -38,7 +38,7 @@ def smooth(
         filter: the filter of the run.
         model: the model of the run.
         result: what `run` gave, with mean, factor and fault kept.
-        dt: as given to the run.
+        dt: as given to the run; the first is not read, and may be left out.
         inputs: as given to the run.
         backend: as in `run`.
 

@@ -33,6 +33,7 @@ typedef struct {
     R *total, *mean, *factor, *nis, *log_likelihood;
     signed char *fault;
     long long *dof;
+    long moving_from; /* the first step that is predicted: 1 where the state given is that of the first */
 } Record;
 
 /* The elements of the tracks from `first` on, a lane each; behind the last track its elements are repeated. */
@@ -76,7 +77,7 @@ void record(const Record *r, long first, long end) {
         gather(&start, first, end, 0, now);
         for (long t = 0; t < r->steps; t++) {
             V fault = K(0), nis = K(0), dof = K(0), likelihood = K(0), *swapped;
-            if (r->predict) {
+            if (r->predict && t >= r->moving_from) {
                 gather(&r->dt, first, end, t, given);
                 gather(&r->u, first, end, t, given + 1);
                 r->predict(r->c, now, given, next, told);
