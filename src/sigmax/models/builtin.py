@@ -119,21 +119,28 @@ def _bearings_singer() -> Scenario:
     )
 
 
-def _rover_beacon() -> Scenario:
+def _rover() -> tuple[Motion, Motion, Motion, Sensor]:
     drive, scale = motions.unicycle(), motions.random_walk(("range_scale",))
-    both = motions.join(drive, scale)
-    beacon = sensors.range_only(scale=3)
+    return drive, scale, motions.join(drive, scale), sensors.range_only(scale=3)
 
-    def seen(x: Any, u: Any) -> Any:
-        return beacon.function(x, u[2:])
 
-    def driven(x: Any, dt: Any, u: Any) -> Any:
-        return both.function(x, dt, u[:2])
+def _rover_driven(x: Any, dt: Any, u: Any) -> Any:
+    """The motion by the first two inputs, speed and turn rate."""
+    return _rover()[2].function(x, dt, u[:2])
+
+
+def _beacon_heard(x: Any, u: Any) -> Any:
+    """The range by the other two, where the beacon is."""
+    return _rover()[3].function(x, u[2:])
+
+
+def _rover_beacon() -> Scenario:
+    drive, scale, both, beacon = _rover()
 
     return _made(
         "a vehicle with odometry that hears radio beacons; the scale of the ranges is a state",
-        Motion(driven, both.state, both.noise),
-        Sensor(seen, beacon.measurement),
+        Motion(_rover_driven, both.state, both.noise),
+        Sensor(_beacon_heard, beacon.measurement),
         both.noise(drive.noise(position=0.05, heading=0.02), scale.noise(0.0)),
         [0.09],
         [0.0, 0.0, 0.3, 1.0],

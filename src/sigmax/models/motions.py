@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.models.checks import numbers
 from sigmax.models.model import angle
-from sigmax.models.noise import takes
+from sigmax.models.noise import arrays_of, on_diagonal, squares, takes
 from sigmax.models.parts import Motion, made_once
 from sigmax.models.quadratic import quadratic_function
 from sigmax.models.smooth import cosc, decay, decay2, sinc
@@ -24,7 +25,7 @@ def random_walk(names: Sequence[str] = ("x",)) -> Motion:
 
     def noise(*deviation: float) -> np.ndarray:
         """Variances per second from standard deviations per √s, one a component or one for all."""
-        return np.broadcast_to(np.square(deviation), len(names)).copy()
+        return arrays_of(deviation).broadcast_to(squares(deviation), (len(names),))
 
     return Motion(function, tuple(names), noise)
 
@@ -54,7 +55,7 @@ def _integrators(axes: Sequence[str], prefixes: Sequence[str]) -> Motion:
 
     def noise(density: float | Sequence[float]) -> Callable[[jax.Array], jax.Array]:
         """Q(dt) from the density of the white noise that drives the highest derivative."""
-        by_axis = np.diag(np.broadcast_to(density, k))
+        by_axis = on_diagonal(density, k)
 
         def Q(dt: jax.Array) -> jax.Array:
             powers = [[_power(dt, order, i, j) for j in range(order)] for i in range(order)]
@@ -88,7 +89,7 @@ def singer(axes: Sequence[str] = ("x", "y"), tau: float = 10.0) -> Motion:
         The integral over the interval by 16 Gauss points, exact to rounding for dt up to 10 tau;
         the printed closed form loses all digits for small dt / tau.
         """
-        by_axis = np.diag(np.broadcast_to(np.square(acceleration), k)) * (2 / tau)
+        by_axis = on_diagonal(squares(acceleration), k) * (2 / tau)
 
         def Q(dt: jax.Array) -> jax.Array:
             s = dt * (nodes + 1) / 2
@@ -123,7 +124,7 @@ def coordinated_turn() -> Motion:
 
     def noise(position: float, speed: float, course: float, turn_rate: float) -> np.ndarray:
         """Variances per second from standard deviations per √s."""
-        return np.square([position, position, speed, course, turn_rate])
+        return squares([position, position, speed, course, turn_rate])
 
     return Motion(function, ("north", "east", "speed", angle("course"), "turn_rate"), noise)
 
@@ -168,7 +169,7 @@ def unicycle() -> Motion:
 
     def noise(position: float, heading: float) -> np.ndarray:
         """Variances per second from standard deviations per √s."""
-        return np.square([position, position, heading])
+        return squares([position, position, heading])
 
     return Motion(function, ("x", "y", angle("heading")), noise, inputs=("speed", "turn_rate"))
 
@@ -194,7 +195,7 @@ def join(first: Motion, second: Motion) -> Motion:
 
     def noise(a: Any, b: Any) -> Any:
         if not callable(a) and not callable(b) and np.ndim(a) == np.ndim(b) == 1:
-            return np.concatenate([a, b])
+            return arrays_of((a, b)).concatenate([a, b])
 
         def Q(dt: jax.Array) -> jax.Array:
             return jax.scipy.linalg.block_diag(_interval(a, dt), _interval(b, dt))
@@ -224,6 +225,7 @@ def mirrored_speed(speed: int, course: int) -> Callable[[jax.Array], jax.Array]:
     return domain
 
 
+@made_once
 def quadratic(Phi0: Any, Phi_x: Any, Phi_xx: Any, names: Sequence[str] | None = None) -> Motion:
     """Φ⁰ + Φˣ x + xᵀ Φˣˣ x, component by component, whatever the time between steps (Stepanov et al., (2), (3)).
 
@@ -243,7 +245,7 @@ def quadratic(Phi0: Any, Phi_x: Any, Phi_xx: Any, names: Sequence[str] | None = 
 
     def noise(covariance: Any) -> Callable[[jax.Array], jax.Array]:
         """Q of a step from its covariance (n, n) or variances (n,)."""
-        whole = np.asarray(covariance, float)
+        whole = numbers("the covariance of the noise", covariance)
 
         def Q(dt: jax.Array) -> jax.Array:
             return jnp.asarray(whole)

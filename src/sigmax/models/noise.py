@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.factor import Diagonal
@@ -74,6 +75,23 @@ def noise(label: str, given: Any, components: Sequence[str] | None, allowed: tup
     if not is_traced(value) and np.count_nonzero(value - np.diag(np.diagonal(value))) == 0:
         return Diagonal(np.diagonal(value).copy())
     return value
+
+
+def arrays_of(value: Any) -> Any:
+    """NumPy, or JAX for what is traced, such as a parameter that is being fitted."""
+    return jnp if is_traced(value) else np
+
+
+def squares(deviations: Any) -> Any:
+    """Variances of standard deviations, one or several; numbers or traced."""
+    array = arrays_of(deviations)
+    return array.square(array.asarray(deviations))
+
+
+def on_diagonal(variance: Any, axes: int) -> Any:
+    """A diagonal matrix from one value for all axes, or one an axis."""
+    array = arrays_of(variance)
+    return array.diag(array.broadcast_to(array.asarray(variance), (axes,)))
 
 
 def noise_once(R: Any, components: Sequence[str] | None) -> Noise:

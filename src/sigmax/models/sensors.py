@@ -121,6 +121,7 @@ def range_azimuth(
     return Sensor(function, tuple(names))
 
 
+@made_once
 def quadratic(H0: Any, H_x: Any, H_xx: Any, names: Sequence[str] | None = None) -> Sensor:
     """H⁰ + Hˣ x + xᵀ Hˣˣ x, component by component (Stepanov et al., (1)), such as the square of a range.
 

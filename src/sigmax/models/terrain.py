@@ -9,7 +9,8 @@ import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.models.checks import numbers
-from sigmax.models.parts import Motion, Sensor
+from sigmax.models.noise import squares
+from sigmax.models.parts import Motion, Sensor, made_once
 
 METHODS = ("bilinear", "bicubic")
 
@@ -113,7 +114,7 @@ def _error_motion(x: jax.Array, dt: jax.Array) -> jax.Array:
 
 def _error_noise(height: float, vertical: float, acceleration: float, velocity: float, position: float) -> np.ndarray:
     """Variances per second from standard deviations per √s."""
-    return np.square([height, vertical, acceleration, velocity, velocity, position, position])
+    return squares([height, vertical, acceleration, velocity, velocity, position, position])
 
 
 def inertial_errors() -> Motion:
@@ -121,6 +122,7 @@ def inertial_errors() -> Motion:
     return Motion(_error_motion, ("dh", "dv", "da", "dvx", "dvz", "dx", "dz"), _error_noise)
 
 
+@made_once
 def radio_altimeter(ground: Any) -> Sensor:
     """Height above the ground, h + δh − ground(x + δx, z + δz) (Belov et al., (11)).
 

@@ -1,7 +1,6 @@
 """The edge: what a user gives, checked before any long work and laid out for the engine."""
 
 from collections.abc import Mapping
-from datetime import timedelta
 from typing import Any, NamedTuple
 
 import jax
@@ -17,6 +16,7 @@ from sigmax.models.fusion import Fused, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.running.functions import check_functions
+from sigmax.running.intervals import intervals
 from sigmax.running.linearity import check_linear
 
 
@@ -101,7 +101,7 @@ def prepare(
         raise InputError(f"all sensors need the same number of time steps, NaN where one did not report; got {steps}")
     if not isinstance(update_first, bool):
         raise InputError(f"update_first must be True or False, it is {update_first!r}")
-    elapsed = _elapsed(dt, T, update_first)
+    elapsed = intervals(dt, T, update_first)
     u = inputs_given = _inputs(model, inputs, T)
     fused = None
     sizes = {s: v.shape[-1] for s, v in measured.items()}
@@ -140,33 +140,8 @@ def prepare(
 def laid_out_steps(model: Model, dt: Any, inputs: Any, T: int, dtype: Any) -> tuple[Any, Any]:
     """Dt (T,) or (B, T) and inputs (T, k) or (B, T, k) of a run, checked and in its type."""
     # No smoother goes back beyond the first step: its dt is never read.
-    elapsed, u = _elapsed(dt, T, True), _inputs(model, inputs, T)
+    elapsed, u = intervals(dt, T, True), _inputs(model, inputs, T)
     return typed(elapsed, dtype), None if u is None else typed(u, dtype)
-
-
-def seconds_of(dt: Any) -> float:
-    """The seconds of a step, from a number or a timedelta.
-
-    Raises:
-        InputError: for anything else, and where time runs backwards.
-    """
-    value = dt if type(dt) is float else _in_seconds(dt)
-    if np.ndim(value) or not 0 <= value < np.inf:
-        raise InputError(f"dt must be one number of seconds, finite and not negative; it is {dt}")
-    return float(value)
-
-
-def _in_seconds(dt: Any) -> Any:
-    """Seconds as numbers: what is given as a timedelta, of Python, NumPy or pandas, is turned into them."""
-    if isinstance(dt, timedelta):
-        return dt.total_seconds()
-    if not isinstance(dt, float | int | jax.Array) and not is_traced(dt):
-        array = np.asarray(dt)
-        if array.dtype.kind == "O" and array.size and all(isinstance(d, timedelta) for d in array.flat):
-            array = array.astype("timedelta64[us]")
-        if array.dtype.kind == "m":
-            return array / np.timedelta64(1, "s")
-    return numbers("dt", dt)
 
 
 def run_type(dtype: Any) -> np.dtype[Any]:
@@ -238,30 +213,6 @@ def _measurements(model: Model, z: Any) -> dict[str, Any]:
             raise InputError(f"{label} has no time steps: its shape is {value.shape}")
         result[s] = value
     return result
-
-
-def _elapsed(dt: Any, T: int, update_first: bool) -> Any:
-    value = np.asarray(_in_seconds(dt)) if not is_traced(dt) else numbers("dt", dt)
-    if value.ndim == 0:
-        value = jnp.full((T,), value) if is_traced(value) else np.full(T, value)
-    array: Any = jnp if is_traced(value) else np
-    if update_first and value.shape[-1] in (T - 1, T):
-        later = value[..., value.shape[-1] - T + 1 :]
-        value = array.concatenate([array.zeros_like(later, shape=(*later.shape[:-1], 1)), later], -1)
-    if value.ndim > 2 or value.shape[-1] != T:
-        hint = "; with update_first=True, where the prior stands at the first measurement, that would do"
-        raise InputError(
-            f"dt must be a number of seconds, or one for each of the {T} steps; its shape is {value.shape}"
-            f"{hint if value.shape[-1] == T - 1 else ''}"
-        )
-    finite("dt", value)
-    if not is_traced(value) and (np.asarray(value) < 0).any():
-        place = np.argwhere(np.asarray(value) < 0)[0]
-        raise InputError(
-            f"time runs backwards at step {int(place[-1])}: dt = {np.asarray(value)[tuple(place)]}; "
-            "sort the measurements by time"
-        )
-    return value
 
 
 def _inputs(model: Model, inputs: Any, T: int) -> Any:

@@ -109,7 +109,9 @@ def _check_bias(model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Ma
     """Shapes of what a bias adds, where functions give it; a sensor's by the columns that were measured."""
     assert model.bias is not None
     p = model.bias.size
-    wanted = [("the motion's bias B", model.bias.motion, model.size, OF_MOTION)]
+    wanted: list[tuple[str, Any, int, tuple[int, ...]]] = [
+        ("the motion's bias B", model.bias.motion, model.size, OF_MOTION)
+    ]
     for s, F in model.bias.sensor.items():
         label = f"the bias F of the sensor {s!r}" if s else "the sensor's bias F"
         wanted += [(label, F, sizes[s], OF_SENSOR)] if s in sizes else []
@@ -192,11 +194,13 @@ def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> tuple[tuple[
         raise
     if coarse:
         warnings.warn(
-            f"in {what} {' and '.join(coarse)} has the seven digits of float32, and the run is in float64: make it after "
-            "`import sigmax`, or from Python's own floats; .astype(float) says that they are all there are",
+            f"in {what} {' and '.join(coarse)} has the seven digits of float32, and the run is in float64: make it "
+            "after `import sigmax`, or from Python's own floats; .astype(float) says that they are all there are",
             stacklevel=2,
         )
-    wrong = "" if jnp.issubdtype(kind, jnp.floating) else f"{what} must return real numbers of float64; it returns {kind}"
+    wrong = (
+        "" if jnp.issubdtype(kind, jnp.floating) else f"{what} must return real numbers of float64; it returns {kind}"
+    )
     if wrong and (varies or kind.kind not in "iu"):
         raise InputError(f"{wrong}, which has no derivative: leave out the conversion to whole numbers or complex ones")
     return shape, wrong

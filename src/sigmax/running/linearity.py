@@ -32,7 +32,9 @@ def check_linear(model: Model, inputs: int | None) -> None:
     n, k = model.size, inputs or 0
     parts = [("motion", model.motion, (3 if model.motion_inputs else 2), True)]
     parts += [("domain", model.domain, 1, False)] if model.domain is not None else []
-    parts += [(f"sensor {s!r}" if s else "sensor", h, 1 + model.sensor_inputs[s], False) for s, h in model.sensors.items()]
+    parts += [
+        (f"sensor {s!r}" if s else "sensor", h, 1 + model.sensor_inputs[s], False) for s, h in model.sensors.items()
+    ]
     for what, g, count, moving in parts:
         if not _linear(g, count, moving, n, k):
             raise InputError(f"KF is for linear models, and {what} is not linear; take EKF or a sigma-point filter")
@@ -45,7 +47,7 @@ def check_linear(model: Model, inputs: int | None) -> None:
 def _matrices(model: Model) -> list[tuple[str, Callable[..., Any], tuple[int, ...]]]:
     if model.bias is None:
         return []
-    found = [("B", model.bias.motion, OF_MOTION)]
+    found: list[tuple[str, Any, tuple[int, ...]]] = [("B", model.bias.motion, OF_MOTION)]
     found += [(f"F of the sensor {s!r}" if s else "F", F, OF_SENSOR) for s, F in model.bias.sensor.items()]
     return [one for one in found if callable(one[1])]
 
@@ -66,7 +68,9 @@ def _same(slopes: np.ndarray, wanted: np.ndarray) -> bool:
     """Whether all are alike; what is not finite, beyond where a function makes sense, says nothing."""
     known = np.isfinite(slopes) & np.isfinite(wanted)
     size = np.abs(np.where(known, slopes, 0)).max(initial=1.0)
-    return bool((np.abs(np.where(known, slopes - wanted, 0)) <= 1e-9 * np.abs(np.where(known, wanted, 0)) + 1e-12 * size).all())
+    return bool(
+        (np.abs(np.where(known, slopes - wanted, 0)) <= 1e-9 * np.abs(np.where(known, wanted, 0)) + 1e-12 * size).all()
+    )
 
 
 def _slopes(function: Callable[..., Any], count: int, moving: bool, n: int, k: int) -> np.ndarray:

@@ -14,21 +14,17 @@ from sigmax.models.model import Model
 from sigmax.native import Refused, Unavailable
 from sigmax.running.backend import attempt, native_failed
 from sigmax.running.covariances import covariances
-from sigmax.running.edge import as_filter, cast, joined, run_type, seconds_of, starting_cov, typed
+from sigmax.running.edge import as_filter, cast, joined, run_type, starting_cov, typed
 from sigmax.running.fusing import Members, with_members_live
 from sigmax.running.given import Given
+from sigmax.running.intervals import seconds_of
 from sigmax.running.live_lanes import LaneState
 from sigmax.running.live_xla import XlaState
 from sigmax.running.saved import identity, restored, saved
 from sigmax.running.step import Belief, Fault, Innovation
 
 _NUMBER, _INFINITY = (float, int), float("inf")
-
-
-def _shared() -> InputError:
-    return InputError(
-        "another thread is using this live filter; give each thread a filter of its own, or hold a lock around its calls"
-    )
+_SHARED = "another thread is using this live filter; give each thread one of its own, or hold a lock around its calls"
 
 
 class Live:
@@ -81,7 +77,7 @@ class Live:
     def mean(self) -> np.ndarray:
         """The estimate (n,) or (B, n)."""
         if self._busy:
-            raise _shared()
+            raise InputError(_SHARED)
         mean = self._state.read_mean()
         return mean if self.model.bias is None else mean[..., self.model.own]
 
@@ -104,7 +100,7 @@ class Live:
     def cov(self) -> np.ndarray:
         """Its covariance (n, n) or (B, n, n)."""
         if self._busy:
-            raise _shared()
+            raise InputError(_SHARED)
         cov = self._state.read_cov()
         return cov if self.model.bias is None else cov[..., self.model.own, self.model.own]
 
@@ -117,7 +113,7 @@ class Live:
     def belief(self) -> Belief:
         """Mean and factor of state and bias together, batch last, and what the form carries beside them."""
         if self._busy:
-            raise _shared()
+            raise InputError(_SHARED)
         return self._state.belief
 
     @property
@@ -177,7 +173,9 @@ class Live:
         self.put(before, fault)
         return -np.asarray(told.residual), covariances(np.asarray(told.factor))
 
-    def step(self, z: Any, dt: float | timedelta, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
+    def step(
+        self, z: Any, dt: float | timedelta, sensor: str | None = None, *, R: Any = None, u: Any = None
+    ) -> Innovation:
         """`predict(dt)` and `update(z)` in one compiled call."""
         if self._members is not None:
             together = self._members.together(z, sensor, R, u, self._tracks)
@@ -187,7 +185,7 @@ class Live:
             whole = self._state.whole.get(sensor)
             if whole is not None:
                 if self._busy:
-                    raise _shared()
+                    raise InputError(_SHARED)
                 self._busy = True
                 try:
                     told = whole(dt, None, z)
@@ -231,7 +229,7 @@ class Live:
 
     def _do(self, what: str, *arguments: Any) -> Any:
         if self._busy:
-            raise _shared()
+            raise InputError(_SHARED)
         self._busy = True
         try:
             return getattr(self._state, what)(*arguments)
@@ -242,11 +240,7 @@ class Live:
             self._busy = False
 
     def _fall_back(self, error: Exception) -> None:
-        """Go on with XLA where a part turns out not to be lowered.
-
-        Raises:
-            InputError: where the native engine was asked for.
-        """
+        """Go on with XLA where a part turns out not to be lowered; an error where the native engine was asked for."""
         native_failed(self._backend, error)
         fault = self._state.fault
         self._state = XlaState(self.filter, self.model, self._state.belief)
@@ -255,7 +249,7 @@ class Live:
     def put(self, belief: Belief, fault: Any) -> None:
         """Take up a belief laid out as `belief` gives it."""
         if self._busy:
-            raise _shared()
+            raise InputError(_SHARED)
         self._state.belief = belief
         if isinstance(self._state, LaneState):
             self._state.fault[...] = fault

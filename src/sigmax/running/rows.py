@@ -62,6 +62,14 @@ class RowSteps:
         self._ready: dict[Any, tuple[Lowered, Step, np.ndarray]] = {}
         self._calls: dict[Any, Callable[..., Any]] = {}
 
+    def __getstate__(self) -> tuple[Any, ...]:
+        """How they were made: what is compiled is found again."""
+        return self.filter, self.model, str(self.dtype), self.backend
+
+    def __setstate__(self, given: tuple[Any, ...]) -> None:
+        filter, model, dtype, backend = given
+        self.__init__(filter, model, dtype=dtype, backend=backend)  # type: ignore[misc]
+
     def start(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
         """The rows of means (B, n) and covariances (B, n, n)."""
         mean, cov = np.ascontiguousarray(mean, self.dtype), np.ascontiguousarray(cov, self.dtype)

@@ -3,12 +3,12 @@
 import hashlib
 import json
 import platform
+import sys
 from typing import Any
 
 import jax
 import numpy as np
 
-from sigmax import __version__
 from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.model import Model
@@ -27,7 +27,8 @@ def identity(filter: Filter, model: Model) -> dict[str, Any]:
     """
     found = fingerprint(filter, vars(model), installed=b"")
     return {
-        "version": __version__,
+        # Of the package itself, which imports this file and not the other way round.
+        "version": sys.modules[__name__.partition(".")[0]].__version__,
         "filter": filter.name,
         "form": filter.form.name,
         "state": list(map(str, model.state)),

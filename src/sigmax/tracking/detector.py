@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
 from sigmax.models.noise import Noise
+from sigmax.models.parts import made_once
 
 
 class Scan(NamedTuple):
@@ -113,6 +114,7 @@ def covariance_of(R: Noise) -> np.ndarray:
     return np.diag(given) if given.ndim == 1 else given
 
 
+@made_once
 def positions(R: Noise, d: int = 2, *, from_inputs: bool = False) -> Locate:
     """Plots whose first `d` components are the position, with the sensor's noise R.
 
@@ -127,6 +129,7 @@ def positions(R: Noise, d: int = 2, *, from_inputs: bool = False) -> Locate:
     return locate
 
 
+@made_once
 def reports(R: Noise, d: int = 2) -> Locate:
     """Reports of position and velocity, d components each and in this order, with independent errors R: AIS, ADS-B."""
     cov = covariance_of(R)
@@ -138,6 +141,7 @@ def reports(R: Noise, d: int = 2) -> Locate:
     return locate
 
 
+@made_once
 def polar(R: Noise, *, origin: tuple[float, float] = (0.0, 0.0), from_inputs: bool = False) -> Locate:
     """Plots by range and azimuth, or range, azimuth and radial velocity, as `sensors.range_azimuth` gives them.
 

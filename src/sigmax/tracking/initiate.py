@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from sigmax.errors import InputError
 from sigmax.models.model import Model
+from sigmax.models.parts import made_once
 from sigmax.tracking.detector import Located
 
 
@@ -48,6 +49,7 @@ class Free(NamedTuple):
 Initiate = Callable[[Free, Any], tuple[Births, Any]]
 
 
+@made_once
 def single_plot(max_speed: float) -> Initiate:
     """Every free plot begins a track of unknown velocity: standard deviation max_speed / √3 an axis.
 
@@ -65,6 +67,7 @@ def single_plot(max_speed: float) -> Initiate:
     return initiate
 
 
+@made_once
 def two_point(max_speed: float, within: float) -> Initiate:
     """Two free plots of a sensor that a target of at most `max_speed` joins begin a track (Bar-Shalom, 5.5.3).
 

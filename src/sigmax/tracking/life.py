@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sigmax.errors import InputError
+from sigmax.models.parts import made_once
 from sigmax.tracking.modes import Beliefs
 
 _REMEMBERED = 64
@@ -77,6 +78,7 @@ class Life(NamedTuple):
 Rule = Callable[[float, Life], tuple[np.ndarray, np.ndarray]]
 
 
+@made_once
 def m_of_n(m: int = 3, n: int = 5, misses: int = 5, coast: float = np.inf) -> Rule:
     """Confirm with `m` plots in the first `n` chances or later; end a tentative track that cannot get there.
 
@@ -103,6 +105,7 @@ def m_of_n(m: int = 3, n: int = 5, misses: int = 5, coast: float = np.inf) -> Ru
     return rule
 
 
+@made_once
 def by_existence(
     confirm: float = 0.99,
     drop: float = 0.01,

@@ -5,12 +5,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.special import logsumexp
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter
+from sigmax.models.checks import numbers
 from sigmax.models.model import Model
 from sigmax.running.rows import RowSteps
 from sigmax.tracking.mixture import merged, summed
+
+# No mode is less probable: a target may always begin to do what it has not done for long.
+LEAST = 1e-12
 
 
 class Beliefs(NamedTuple):
@@ -18,7 +23,7 @@ class Beliefs(NamedTuple):
 
     Attributes:
         rows: for each mode, a row a target (B, size).
-        weight: the probability of each mode (B, M).
+        weight: the probability of each mode (B, M), at least `LEAST`.
     """
 
     rows: tuple[np.ndarray, ...]
@@ -56,7 +61,8 @@ class Modes:
     With several modes this is the IMM filter (Blom and Bar-Shalom 1988): beliefs are mixed before the
     prediction by p(i at the start | j at the end). A target stays in a mode for `sojourn` seconds on average
     and then takes any other, so that scans at any times are treated alike: the transition matrix over dt
-    is the exponential of the rates.
+    is the exponential of the rates. Probabilities are weighed as logarithms and have a floor, so that a mode
+    comes back even without `sojourn`, where it is judged by the measurements alone.
 
     Args:
         modes: pairs (filter, model); the models have the same state and sensors of the same names.
@@ -87,7 +93,7 @@ class Modes:
                     f"{self.model.state} with {sorted(self.model.sensors)}"
                 )
         M = len(modes)
-        times = np.asarray(sojourn if sojourn is not None else [np.inf] * M, float)
+        times = numbers("sojourn", sojourn if sojourn is not None else [np.inf] * M)
         if times.shape != (M,) or not (times > 0).all():
             raise InputError(f"sojourn must be {M} positive numbers of seconds, one for each mode; it is {sojourn}")
         leaving = 1 / times[:, None]
@@ -124,7 +130,7 @@ class Modes:
         for j, s in enumerate(self.steps):
             weight = (joint[:, :, j] / later[:, j, None]).T.ravel()
             rows.append(s.start(*merged(means, covs, weight, group, B, self.model.angular)))
-        return Beliefs(tuple(rows), later / later.sum(1, keepdims=True))
+        return Beliefs(tuple(rows), _floored(later))
 
     def expect(self, beliefs: Beliefs, sensor: str, size: int, u: Any) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """What a sensor should measure, (B, m) for each mode, and the deviation of each component."""
@@ -151,21 +157,25 @@ class Modes:
         Exact for what the shares say: mode and plot are weighted jointly, and each mode's mixture becomes one
         Gaussian (PDA, Bar-Shalom and Tse 1975; with modes, Houles and Bar-Shalom 1989).
         """
-        B = len(before.weight)
-        chosen = share > 0
+        # A plot whose correction is sound in no mode belongs to nothing.
+        chosen = (share > 0) & np.isfinite(made.log_likelihood).any(1)
         track, share = track[chosen], share[chosen]
-        likelihood = made.log_likelihood[chosen]
+        rest = np.clip(1 - np.bincount(track, share, len(before.weight)), 0, 1)
         with np.errstate(divide="ignore"):
-            joint = np.log(before.weight[track]) + likelihood
-        joint = np.exp(joint - joint.max(1, keepdims=True, initial=-1e300))
-        joint *= (share / joint.sum(1))[:, None]
-        rest = np.clip(1 - np.bincount(track, share, B), 0, 1)
-        silent = rest[:, None] * before.weight
-        weight = silent + summed(joint, track, B)
-        rows = []
-        for m, s in enumerate(self.steps):
-            rows.append(_mode_updated(s, before.rows[m], made.rows[m][chosen], track, joint[:, m], silent[:, m]))
-        return Beliefs(tuple(rows), weight / weight.sum(1, keepdims=True))
+            prior = np.log(before.weight)
+            joint = prior[track] + made.log_likelihood[chosen]
+            joint += np.log(share)[:, None] - logsumexp(joint, axis=1, keepdims=True)
+            silent = prior + np.log(rest)[:, None]
+            total = _logarithm_of_sums(silent, joint, track)
+            weight = np.exp(total - total.max(1, keepdims=True))
+        # A mode that is out of the question has no plots and is not silent either.
+        known = np.where(np.isfinite(total), total, 0.0)
+        joint, silent = np.exp(joint - known[track]), np.exp(silent - known)
+        rows = tuple(
+            _mode_updated(s, before.rows[m], made.rows[m][chosen], track, joint[:, m], silent[:, m])
+            for m, s in enumerate(self.steps)
+        )
+        return Beliefs(rows, _floored(weight))
 
     def moments(self, beliefs: Beliefs) -> tuple[np.ndarray, np.ndarray]:
         """Means (B, n) and covariances (B, n, n) over the modes."""
@@ -179,27 +189,41 @@ class Modes:
         return merged(*stacked, group, B, self.model.angular)
 
 
+def _logarithm_of_sums(alone: np.ndarray, added: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """log(Σ exp) of what each group (B, M) has alone and of the members (K, M) that are added to it."""
+    most = alone.copy()
+    np.maximum.at(most, group, added)
+    most = np.where(np.isfinite(most), most, 0.0)
+    total: np.ndarray = np.log(np.exp(alone - most) + summed(np.exp(added - most[group]), group, len(most))) + most
+    return total
+
+
+def _floored(weight: np.ndarray) -> np.ndarray:
+    """Probabilities (B, M) of weights."""
+    share = np.maximum(weight / weight.sum(1, keepdims=True), LEAST)
+    return share / share.sum(1, keepdims=True)
+
+
 def _mode_updated(
-    steps: RowSteps, before: np.ndarray, after: np.ndarray, track: np.ndarray, weight: np.ndarray, silent: np.ndarray
+    steps: RowSteps, before: np.ndarray, after: np.ndarray, track: np.ndarray, share: np.ndarray, silent: np.ndarray
 ) -> np.ndarray:
-    """Rows of one mode: of a single plot where it is certain, else the moments of the mixture."""
+    """Rows of one mode: of a single plot where it is certain, else the moments of the mixture.
+
+    `share` (K,) of each plot and `silent` (B,) of none sum to 1 for each track; to 0 where the mode is out of the
+    question: it stays as it was.
+    """
     rows = before.copy()
-    total = silent + np.bincount(track, weight, len(before))
-    fraction = weight / np.maximum(total[track], 1e-300)
-    certain = fraction > 1 - 1e-9
-    # A mode that is out of the question stays as it was.
-    possible = total > 1e-200
+    certain = share > 1 - 1e-9
     rows[track[certain]] = after[certain]
     mixed = np.zeros(len(before), bool)
-    mixed[track[~certain]] = True
+    mixed[track[(share > 0) & ~certain]] = True
     mixed[track[certain]] = False
-    mixed &= possible
     if mixed.any():
         place = np.cumsum(mixed) - 1
         part = mixed[track]
         members = np.concatenate([before[mixed], after[part]])
         group = np.concatenate([np.arange(mixed.sum()), place[track[part]]])
-        shares = np.concatenate([silent[mixed] / np.maximum(total[mixed], 1e-300), fraction[part]])
+        shares = np.concatenate([silent[mixed], share[part]])
         mean, cov = steps.mean(members), steps.cov(members)
         rows[mixed] = steps.start(*merged(mean, cov, shares, group, int(mixed.sum()), steps.model.angular))
     return rows

@@ -1,0 +1,65 @@
+"""The time between steps, as people give it."""
+
+from datetime import timedelta
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.errors import InputError
+from sigmax.models.checks import finite, is_traced, numbers
+
+
+def seconds_of(dt: Any) -> float:
+    """The seconds of a step, from a number or a timedelta.
+
+    Raises:
+        InputError: for anything else, and where time runs backwards.
+    """
+    value = dt if type(dt) is float else _in_seconds(dt)
+    if np.ndim(value) or not 0 <= value < np.inf:
+        raise InputError(f"dt must be one number of seconds, finite and not negative; it is {dt}")
+    return float(value)
+
+
+def _in_seconds(dt: Any) -> Any:
+    """Seconds as numbers: what is given as a timedelta, of Python, NumPy or pandas, is turned into them."""
+    if isinstance(dt, timedelta):
+        return dt.total_seconds()
+    if not isinstance(dt, float | int | jax.Array) and not is_traced(dt):
+        array = np.asarray(dt)
+        if array.dtype.kind == "O" and array.size and all(isinstance(d, timedelta) for d in array.flat):
+            array = array.astype("timedelta64[us]")
+        if array.dtype.kind == "m":
+            return array / np.timedelta64(1, "s")
+    return numbers("dt", dt)
+
+
+def intervals(dt: Any, T: int, update_first: bool) -> Any:
+    """Seconds of T steps, (T,) or (B, T); the first, which may be missing, is 0 where the record begins with an update.
+
+    Raises:
+        InputError: for what is not finite, negative or of another length.
+    """
+    value = np.asarray(_in_seconds(dt)) if not is_traced(dt) else numbers("dt", dt)
+    if value.ndim == 0:
+        value = jnp.full((T,), value) if is_traced(value) else np.full(T, value)
+    array: Any = jnp if is_traced(value) else np
+    if update_first and value.shape[-1] in (T - 1, T):
+        later = value[..., value.shape[-1] - T + 1 :]
+        value = array.concatenate([array.zeros_like(later, shape=(*later.shape[:-1], 1)), later], -1)
+    if value.ndim > 2 or value.shape[-1] != T:
+        hint = "; with update_first=True, where the prior stands at the first measurement, that would do"
+        raise InputError(
+            f"dt must be a number of seconds, or one for each of the {T} steps; its shape is {value.shape}"
+            f"{hint if value.shape[-1] == T - 1 else ''}"
+        )
+    finite("dt", value)
+    if not is_traced(value) and (np.asarray(value) < 0).any():
+        place = np.argwhere(np.asarray(value) < 0)[0]
+        raise InputError(
+            f"time runs backwards at step {int(place[-1])}: dt = {np.asarray(value)[tuple(place)]}; "
+            "sort the measurements by time"
+        )
+    return value
