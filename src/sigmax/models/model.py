@@ -5,10 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
-import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.models.bias import Bias
+from sigmax.models.checks import numbers
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, noise, takes
 from sigmax.models.parts import Motion, Sensor
@@ -223,7 +223,10 @@ def component_names(what: str, given: Sequence[str] | None, noise_given: Any, la
     if given is None:
         if callable(noise_given):
             raise InputError(f"{what} must name the components: {label} is a function and does not tell how many")
-        return tuple(f"{what}{i}" for i in range(np.shape(noise_given)[-1] if np.ndim(noise_given) else 1))
+        sizes = numbers(label, noise_given).shape
+        if 0 in sizes:
+            raise InputError(f"{label} is empty; give a covariance, or a variance for each component")
+        return tuple(f"{what}{i}" for i in range(sizes[-1] if sizes else 1))
     if isinstance(given, str):
         given = (given,)
     if not given or not all(isinstance(name, str) for name in given):

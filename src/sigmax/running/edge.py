@@ -36,6 +36,7 @@ class Prepared(NamedTuple):
         batch: B, or None; what has no batch of its own is the same for all tracks.
         fused: what was put together before the run, where sensors are fused.
         update_first: whether the first step is a correction alone.
+        captured: whether a function of the model holds a number that is being traced.
     """
 
     filter: Filter
@@ -48,6 +49,7 @@ class Prepared(NamedTuple):
     batch: int | None
     fused: Fused | None = None
     update_first: bool = False
+    captured: bool = False
 
 
 def as_filter(filter: Filter | str) -> Filter:
@@ -119,7 +121,7 @@ def prepare(
         raise InputError(f"the batches differ in size: {batches}")
     batch = next(iter(batches.values()), None)
     dtype = run_type(dtype)
-    check_functions(given, alone, elapsed, inputs_given, sizes, dtype)
+    captured = check_functions(given, alone, elapsed, inputs_given, sizes, dtype)
     if filter.linear:
         check_linear(given, None if inputs_given is None else inputs_given.shape[-1])
 
@@ -134,6 +136,7 @@ def prepare(
         batch,
         fused,
         update_first,
+        captured,
     )
 
 

@@ -1,6 +1,7 @@
 """Parameters of a model from a record, by maximum likelihood."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
@@ -8,11 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
+from sigmax.algebra.compiling import compiled
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
+from sigmax.models.checks import finite, numbers
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.running.edge import as_filter
+from sigmax.native.fingerprint import fingerprint
+from sigmax.native.refusal import user_line
+from sigmax.running.edge import as_filter, prepare
 from sigmax.running.run import run
 
 Parameters = dict[str, Any]
@@ -63,59 +68,53 @@ def fit(
             searched by their logarithm.
 
     Returns:
-        The fit. L-BFGS of SciPy; the first evaluation compiles for some seconds.
+        The fit. L-BFGS of SciPy; the first evaluation compiles for some seconds, and no later one of the same filter,
+        `build` and sizes.
 
     Raises:
         InputError: where a name is not known, or the likelihood at the start is not finite.
     """
-    chosen = as_filter(filter)
-    values = {name: np.asarray(value, float) for name, value in start.items()}
-    for name in positive:
-        if name not in values:
-            raise unknown("parameter", name, values)
+    chosen, values, kept_positive = as_filter(filter), _values(start), _positive(positive, start)
+    for name in kept_positive:
         if not (values[name] > 0).all():
             raise InputError(f"{name} is to stay positive and starts at {values[name]}")
-    inside = {k: np.log(v) if k in positive else v for k, v in values.items()}
+    model, prior = _built(build, {k: jnp.asarray(v) for k, v in values.items()})
+    checked = prepare(chosen, model, prior, z, dt, inputs, "float64", update_first)
+    inside = {k: np.log(v) if k in kept_positive else v for k, v in values.items()}
     flat, unravel = ravel_pytree(inside)
     unit = np.where(np.asarray(flat) == 0, 1.0, np.maximum(np.abs(flat), 1e-3))
-    unit = np.concatenate([np.ones(v.size) if k in positive else u for (k, v), u in _split(inside, unit)])
-
-    def outside(vector: Any) -> Parameters:
-        named = unravel(vector * unit)
-        return {k: jnp.exp(v) if k in positive else v for k, v in named.items()}
-
-    @jax.jit
-    def objective(vector: Any) -> Any:
-        def negative(v: Any) -> Any:
-            model, prior = build(outside(v))
-            done = run(chosen, model, prior, z, dt=dt, inputs=inputs, keep=("fault",))
-            return jnp.where(done.ok.all(), -jnp.sum(done.log_likelihood), jnp.inf)
-
-        return jax.value_and_grad(negative)(vector)
+    unit = np.concatenate([np.ones(v.size) if k in kept_positive else u for (k, v), u in _split(inside, unit)])
+    shapes = tuple((k, v.shape) for k, v in sorted(values.items()))
+    # Where it can be seen that `build` and all that it reads is as it was, what was compiled is found again.
+    known = fingerprint(build)
+    remembered = _objective if known is not None and isinstance(build, Hashable) else _objective.__wrapped__
+    objective = remembered(chosen, build, known, shapes, kept_positive, update_first)
+    record = jax.tree.map(
+        jnp.asarray, (_record(model, z), checked.dt, None if inputs is None else numbers("inputs", inputs))
+    )
 
     evaluations = 0
 
     def evaluate(vector: np.ndarray) -> tuple[float, np.ndarray]:
         nonlocal evaluations
         evaluations += 1
-        value, gradient = objective(vector)
-        return float(value), np.nan_to_num(np.asarray(gradient), posinf=0.0, neginf=0.0)
+        value, gradient = objective(jnp.asarray(vector * unit), *record)
+        return float(value), np.nan_to_num(np.asarray(gradient) * unit, posinf=0.0, neginf=0.0)
 
     begin = np.asarray(flat) / unit
     value, _ = evaluate(begin)
     if not np.isfinite(value):
-        model, prior = build({k: jnp.asarray(v) for k, v in values.items()})
-        faults = run(chosen, model, prior, z, dt=dt, inputs=inputs).faults(1)
+        faults = run(chosen, model, prior, z, dt=dt, inputs=inputs, update_first=update_first).faults(1)
         raise InputError(
             f"the log-likelihood at the start is not finite ({'; '.join(faults) or value}); start elsewhere"
         )
     from scipy.optimize import minimize  # as long to import as all of this package
 
     found = minimize(evaluate, begin, jac=True, method="L-BFGS-B")
-    best = outside(found.x)
+    best = _outside(unravel(jnp.asarray(found.x * unit)), kept_positive)
     deviation = _deviations(evaluate, found.x) * unit
     named = unravel(jnp.asarray(deviation))
-    std = {k: np.asarray(best[k] * v if k in positive else v) for k, v in named.items()}
+    std = {k: np.asarray(best[k] * v if k in kept_positive else v) for k, v in named.items()}
     return Fit(
         {k: np.asarray(v) for k, v in best.items()},
         std,
@@ -124,6 +123,79 @@ def fit(
         str(found.message),
         evaluations,
     )
+
+
+@lru_cache(maxsize=32)
+def _objective(
+    filter: Filter,
+    build: Callable[[Parameters], tuple[Model, Gaussian]],
+    known: str | None,
+    shapes: tuple[tuple[str, tuple[int, ...]], ...],
+    positive: frozenset[str],
+    update_first: bool,
+) -> Callable[..., Any]:
+    """The negative log-likelihood of a record and its gradient, compiled once: numbers are arguments."""
+    _, unravel = ravel_pytree({name: np.zeros(shape) for name, shape in shapes})
+
+    def negative(vector: Any, z: Any, dt: Any, inputs: Any) -> Any:
+        model, prior = _built(build, _outside(unravel(vector), positive))
+        done = run(filter, model, prior, z, dt=dt, inputs=inputs, update_first=update_first, keep=("fault",))
+        return jnp.where(done.ok.all(), -jnp.sum(done.log_likelihood), jnp.inf)
+
+    return compiled(jax.value_and_grad(negative))
+
+
+def _built(build: Callable[[Parameters], tuple[Model, Gaussian]], parameters: Parameters) -> tuple[Model, Gaussian]:
+    """The model and the prior of parameters.
+
+    Raises:
+        InputError: where it gives something else, or needs numbers that are not known while it is compiled.
+    """
+    if not callable(build):
+        raise InputError(f"build must be a function of parameters by name; it is {type(build).__name__}")
+    try:
+        made = build(parameters)
+    except jax.errors.JAXTypeError as error:
+        where = user_line(error)
+        raise InputError(
+            f"build needs its numbers to be known while it is compiled{f' ({where})' if where else ''}: compute with "
+            "jax.numpy, without float() or NumPy"
+        ) from error
+    if not (
+        isinstance(made, tuple) and len(made) == 2 and isinstance(made[0], Model) and isinstance(made[1], Gaussian)
+    ):
+        raise InputError(f"build must return a pair (sigmax.Model, sigmax.Gaussian); it returns {type(made).__name__}")
+    return made
+
+
+def _outside(inside: Parameters, positive: Collection[str]) -> Parameters:
+    """Parameters from what is searched: the logarithms of those that stay positive."""
+    return {k: jnp.exp(v) if k in positive else v for k, v in inside.items()}
+
+
+def _record(model: Model, z: Any) -> Any:
+    if isinstance(z, Mapping):
+        return {s: numbers(f"z[{s!r}]", v, missing=True) for s, v in z.items()}
+    return numbers("z", z, missing=True)
+
+
+def _values(start: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    if not isinstance(start, Mapping) or not start:
+        raise InputError(
+            f"start must name the parameters and where they start, such as {{'sigma': 1.0}}; it is {start!r}"
+        )
+    values = {name: np.asarray(numbers(name, value), float) for name, value in start.items()}
+    for name, value in values.items():
+        finite(f"{name} at the start", value)
+    return values
+
+
+def _positive(positive: Collection[str], start: Mapping[str, Any]) -> frozenset[str]:
+    names = frozenset([positive] if isinstance(positive, str) else positive)
+    for name in names:
+        if name not in start:
+            raise unknown("parameter", name, start)
+    return names
 
 
 def _split(named: Mapping[str, np.ndarray], flat: np.ndarray) -> list[tuple[tuple[str, np.ndarray], np.ndarray]]:

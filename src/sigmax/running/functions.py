@@ -3,7 +3,7 @@
 import functools
 import warnings
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ from sigmax.running.precision import coarse_constants
 
 def check_functions(
     model: Model, prior: Gaussian, dt: Any, u: Any, sizes: Mapping[str, int], dtype: Any = np.float64
-) -> None:
+) -> bool:
     """Evaluate shapes, and the numbers of Q and R at the start where they are functions.
 
     Args:
@@ -33,22 +33,26 @@ def check_functions(
         sizes: how many components were measured, by sensor; others are left out.
         dtype: the type of the run.
 
+    Returns:
+        Whether a function has captured a number that is being traced, such as a parameter of a gradient.
+
     Raises:
         InputError: where a function of the model gives a shape or a type that does not fit, or reads beyond what it
             is given.
     """
     driven = u is not None
-    check_shapes(model, u.shape[-1] if driven else None, sizes, dtype)
-    if is_traced((prior, dt, u)):
-        return
+    captured = check_shapes(model, u.shape[-1] if driven else None, sizes, dtype)
+    if captured or is_traced((prior, dt, u)):
+        return captured
     start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0], dtype)
     first_dt = np.asarray(np.ravel(dt)[0], dtype)
     first_u = () if u is None else (np.asarray(u[(0,) * (u.ndim - 1)], dtype),)
     for label, function, allowed, size in _noises(model, driven, sizes):
         _check_noise(label, function, _taken(function, label, allowed, start, first_dt, first_u), size)
+    return False
 
 
-def check_shapes(model: Model, inputs: int | None, sizes: Mapping[str, int], dtype: Any = np.float64) -> None:
+def check_shapes(model: Model, inputs: int | None, sizes: Mapping[str, int], dtype: Any = np.float64) -> bool:
     """Evaluate the shapes of motion, sensors, domain and bias; no number is needed.
 
     Args:
@@ -57,25 +61,31 @@ def check_shapes(model: Model, inputs: int | None, sizes: Mapping[str, int], dty
         sizes: how many components are measured, by sensor; others are left out.
         dtype: the type of the run.
 
+    Returns:
+        As `check_functions`.
+
     Raises:
         InputError: as `check_functions`.
     """
     n = model.size
     x, second = (jax.ShapeDtypeStruct(shape, dtype) for shape in ((n,), ()))
     given = () if inputs is None else (jax.ShapeDtypeStruct((inputs,), dtype),)
+    found: list[bool] = []
     if model.domain is not None:
-        _shape_of("domain", model.domain, (x,), n, model.state)
+        found.append(_shape_of("domain", model.domain, (x,), n, model.state))
     if given or not model.motion_driven:
-        _shape_of("motion", model.motion, (x, second, *given)[: 3 if model.motion_inputs else 2], n, model.state)
+        arguments = (x, second, *given)[: 3 if model.motion_inputs else 2]
+        found.append(_shape_of("motion", model.motion, arguments, n, model.state))
     sizes = {s: size for s, size in sizes.items() if given or not model.sensor_driven(s)}
     for s, size in sizes.items():
         names = model.measurement[s] or [f"column {i}" for i in range(size)]
         arguments = (x, *given)[: 2 if model.sensor_inputs[s] else 1]
-        _shape_of(f"sensor {s!r}" if s else "sensor", model.sensors[s], arguments, size, names)
+        found.append(_shape_of(f"sensor {s!r}" if s else "sensor", model.sensors[s], arguments, size, names))
     if model.bias is not None:
-        _check_bias(model, x, second, given, sizes)
+        found += _check_bias(model, x, second, given, sizes)
     for label, function, allowed, _ in _noises(model, bool(given), sizes):
-        _shape(label, function, _taken(function, label, allowed, x, second, given))
+        found.append(_shape(label, function, _taken(function, label, allowed, x, second, given)).captured)
+    return any(found)
 
 
 def _noises(model: Model, driven: bool, sizes: Mapping[str, int]) -> Iterator[tuple[str, Any, tuple[int, ...], int]]:
@@ -105,7 +115,7 @@ def counted(model: Model) -> dict[str, int]:
     return {s: len(names) for s, names in model.measurement.items() if names is not None}
 
 
-def _check_bias(model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Mapping[str, int]) -> None:
+def _check_bias(model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Mapping[str, int]) -> list[bool]:
     """Shapes of what a bias adds, where functions give it; a sensor's by the columns that were measured."""
     assert model.bias is not None
     p = model.bias.size
@@ -115,15 +125,19 @@ def _check_bias(model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Ma
     for s, F in model.bias.sensor.items():
         label = f"the bias F of the sensor {s!r}" if s else "the sensor's bias F"
         wanted += [(label, F, sizes[s], OF_SENSOR)] if s in sizes else []
+    captured = []
     for what, C, rows, allowed in wanted:
         if C is None or (not given and callable(C) and takes(C, what, allowed) == allowed[-1]):
             continue
         if callable(C):
-            shape, _ = _shape(what, C, _taken(C, what, allowed, x, dt, given))
+            found = _shape(what, C, _taken(C, what, allowed, x, dt, given))
+            shape = found.shape
+            captured.append(found.captured)
         else:
             shape = C.shape
         if shape != (rows, p):
             raise InputError(f"{what} must have the shape {(rows, p)}; it has {shape}")
+    return captured
 
 
 def _check_noise(label: str, function: Any, arguments: tuple[np.ndarray, ...], size: int) -> None:
@@ -145,12 +159,22 @@ def _check_noise_at(label: str, function: Any, at: tuple[tuple[tuple[int, ...], 
     symmetric_semidefinite(f"{label}(…) at the start", np.diag(value) if value.ndim == 1 else value)
 
 
-@functools.lru_cache(maxsize=512)
-def _evaluated(function: Any, arguments: tuple[Any, ...]) -> tuple[tuple[int, ...], np.dtype[Any], bool, list[str]]:
-    """Shape and type of what a function gives, whether it depends on anything, and its constants of too few digits.
+class _Evaluated(NamedTuple):
+    """What a function gives: shape, type, whether it depends on anything.
 
-    Found once, because tracing costs more than a short run.
+    And what it holds: constants of too few digits, and whether a number that is being traced.
     """
+
+    shape: tuple[int, ...]
+    kind: np.dtype[Any]
+    varies: bool
+    coarse: list[str]
+    captured: bool
+
+
+@functools.lru_cache(maxsize=512)
+def _evaluated(function: Any, arguments: tuple[Any, ...]) -> _Evaluated:
+    """Found once, because tracing costs more than a short run."""
     traced, made = jax.make_jaxpr(lambda *a: _as_array(function(*a)), return_shape=True)(*arguments)
     check_indices(traced)
     _, used = dce_jaxpr(traced.jaxpr, [True])
@@ -158,7 +182,7 @@ def _evaluated(function: Any, arguments: tuple[Any, ...]) -> tuple[tuple[int, ..
     coarse = coarse_constants(function, traced) if double else []
     if double and made.dtype == np.float32:
         coarse.append("what it returns")
-    return made.shape, np.dtype(made.dtype), any(used), coarse
+    return _Evaluated(made.shape, np.dtype(made.dtype), any(used), coarse, is_traced(traced.consts))
 
 
 def _as_array(result: Any) -> jax.Array:
@@ -172,10 +196,10 @@ def _as_array(result: Any) -> jax.Array:
         raise InputError(f"it returns {type(result).__name__}, which is no array of numbers; {error}") from error
 
 
-def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> tuple[tuple[int, ...], str]:
-    """Shape of what a function gives, and why its type would not do where derivatives are taken of it, or nothing."""
+def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> _Evaluated:
+    """What a function gives, of real numbers or of whole ones that are the same for all arguments."""
     try:
-        shape, kind, varies, coarse = _evaluated(function, arguments)
+        found = _evaluated(function, arguments)
     except InputError as error:
         raise InputError(f"{what}: {error}") from error
     except IndexError as error:
@@ -192,23 +216,25 @@ def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> tuple[tuple[
             f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}"
         )
         raise
-    if coarse:
+    if found.coarse:
         warnings.warn(
-            f"in {what} {' and '.join(coarse)} has the seven digits of float32, and the run is in float64: make it "
-            "after `import sigmax`, or from Python's own floats; .astype(float) says that they are all there are",
+            f"in {what} {' and '.join(found.coarse)} has the seven digits of float32, and the run is in float64: make "
+            "it after `import sigmax`, or from Python's own floats; .astype(float) says that they are all there are",
             stacklevel=2,
         )
-    wrong = (
-        "" if jnp.issubdtype(kind, jnp.floating) else f"{what} must return real numbers of float64; it returns {kind}"
-    )
-    if wrong and (varies or kind.kind not in "iu"):
-        raise InputError(f"{wrong}, which has no derivative: leave out the conversion to whole numbers or complex ones")
-    return shape, wrong
+    if not jnp.issubdtype(found.kind, jnp.floating) and (found.varies or found.kind.kind not in "iu"):
+        raise InputError(
+            f"{what} must return real numbers of float64; it returns {found.kind}, which has no derivative: leave out "
+            "the conversion to whole numbers, complex ones or truth values"
+        )
+    return found
 
 
-def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, names: Any) -> None:
-    shape, wrong = _shape(what, function, arguments)
-    if wrong:
-        raise InputError(f"{wrong}: write 1.0 for 1")
-    if shape != (size,):
-        raise InputError(f"{what} must return the {size} components {list(names)}, shape ({size},); it returns {shape}")
+def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, names: Any) -> bool:
+    found = _shape(what, function, arguments)
+    if not jnp.issubdtype(found.kind, jnp.floating):
+        raise InputError(f"{what} must return real numbers of float64, it returns {found.kind}: write 1.0 for 1")
+    if found.shape != (size,):
+        named = list(names)
+        raise InputError(f"{what} must return the {size} components {named}, shape ({size},); it returns {found.shape}")
+    return found.captured

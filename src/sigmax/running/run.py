@@ -59,7 +59,7 @@ def run(
             raise unknown("part of a result", part, PARTS)
     ready = prepare(chosen, model, prior, z, dt, inputs, dtype, update_first)
     kept = frozenset(keep) | ({"dof"} if ready.fused is not None else set())
-    traced = is_traced(ready)
+    traced = ready.captured or is_traced(ready)
     total, parts = attempt(
         backend,
         traced,
