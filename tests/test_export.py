@@ -12,9 +12,9 @@ import pytest
 import sigmax
 from sigmax import InputError
 from sigmax.export import export_c
-from sigmax.models.builtin import builtin
+from sigmax.models.builtin import BUILTIN, builtin
 from tests.laws import test_fusion as fusion
-from tests.own_records import write_radar
+from tests.own_records import write_csv, write_radar
 from tests.test_cli import cli
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
@@ -183,6 +183,97 @@ def test_the_command_line_exports_models_of_every_kind(tmp_path, monkeypatch):
     for model, name in (("radar-ct", "radar_ct"), ("radar.toml", "radar"), ("own.py:make", "own")):
         assert cli("export", "c", model, "--filter", "EKF", "--out", f"out/{name}") == 0
         assert difference(Path("out") / name) < 1e-9
+
+
+def rover(folder, beacons=((0.0, 0.0), (60.0, 10.0), (20.0, 50.0))):
+    """A rover by odometry that hears one beacon at a time: a single row's inputs would make it unobservable."""
+    rng, x, rows = np.random.default_rng(2), np.array([20.0, 10.0, 0.5]), []
+    for k in range(300):
+        x = x + (0.2 if k else 0.0) * np.array([2 * np.cos(x[2]), 2 * np.sin(x[2]), 0.15])
+        beacon = beacons[k // 3 % len(beacons)] if k % 3 == 0 else (np.nan, np.nan)
+        distance = np.hypot(x[0] - beacon[0], x[1] - beacon[1]) + 0.3 * rng.standard_normal()
+        rows.append((0.2 * k, 2.0, 0.15, distance, *beacon))
+    columns = ["t", "speed", "turn_rate", "range", "beacon_x", "beacon_y"]
+    write_csv(folder / "rover.csv", {name: [row[i] for row in rows] for i, name in enumerate(columns)})
+    (folder / "rover.toml").write_text(
+        'data = "rover.csv"\ntime = "t"\n[motion]\nkind = "unicycle"\n'
+        'noise = { position = "5 cm", heading = "1 deg" }\n'
+        'inputs = { speed = "speed", turn_rate = "turn_rate" }\n[sensors.radio]\nkind = "range_only"\n'
+        'columns = { range = "range" }\nnoise = { range = "30 cm" }\n'
+        'inputs = { beacon_x = "beacon_x", beacon_y = "beacon_y" }\n[prior]\nx = { mean = 20, std = 1 }\n'
+        'y = { mean = 10, std = 1 }\nheading = { mean = 0.5, std = "5 deg" }\n'
+    )
+    return folder / "rover.toml"
+
+
+@needs_cc
+@pytest.mark.parametrize("filter", ["EKF", "SREKF", "SREKFB"])
+def test_the_test_of_a_record_runs_over_its_own_rows(filter, tmp_path, monkeypatch):
+    """Measurements, inputs and times of the record, in the order in which they came."""
+    monkeypatch.chdir(tmp_path)
+    path = rover(tmp_path)
+    assert cli("export", "c", path.name, "-f", filter, "-o", "out") == 0
+    text = (tmp_path / "out" / "test_rover.c").read_text()
+    record = sigmax.records.load(str(path))
+    found = {}
+    for name in ("dt", "u", "z_radio"):
+        numbers = re.search(rf"{name}\[\] = \{{(.*?)\}};", text, re.S)[1]
+        found[name] = [np.nan if "NAN" in word else float(word) for word in numbers.split(",")]
+    count = len(found["dt"])
+    assert count >= 150
+    np.testing.assert_array_equal(found["dt"], record.dt[0, 1 : count + 1])
+    np.testing.assert_array_equal(found["u"], record.inputs[0, 1 : count + 1].ravel())
+    np.testing.assert_array_equal(found["z_radio"], record.z["radio"][0, 1 : count + 1].ravel())
+    # It needs no wider limit than any other.
+    assert "at most %.0e" in text
+    assert difference(tmp_path / "out", "-O2") < 1e-9
+
+
+@pytest.mark.slow
+@needs_cc
+@pytest.mark.parametrize("name", BUILTIN)
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_the_test_of_every_correct_export_passes(name, dtype, tmp_path):
+    """The whole catalogue on every built-in model: the limit of the test knows how far rounding is carried."""
+    wrong, refused = [], []
+    for filter in sigmax.names():
+        folder = tmp_path / filter
+        try:
+            exported(name, filter, folder, dtype=dtype)
+        except InputError as error:
+            refused.append(f"{filter}: {error}")
+            continue
+        done = subprocess.run(["make", "-C", str(folder), "test"], capture_output=True, text=True, check=False)
+        if done.returncode:
+            wrong.append(f"{filter}: {done.stdout}{done.stderr}")
+    assert not wrong, "\n".join(wrong)
+    # What a filter is not for is refused; most are for most models.
+    assert len(refused) < len(sigmax.names()) / 2, refused
+
+
+@pytest.mark.slow
+@needs_cc
+@pytest.mark.parametrize("beacons", [((0.0, 0.0),), ((0.0, 0.0), (60.0, 10.0))])
+def test_the_test_of_every_export_of_a_range_only_record_passes(beacons, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = rover(tmp_path, beacons)
+    for filter in sigmax.names():
+        if cli("export", "c", path.name, "-f", filter, "-o", filter) == 0:
+            done = subprocess.run(["make", "-C", filter, "test"], capture_output=True, text=True, check=False)
+            assert done.returncode == 0, f"{filter}: {done.stdout}{done.stderr}"
+
+
+@needs_cc
+def test_the_test_of_an_export_finds_a_filter_with_other_noise(tmp_path):
+    for folder, variance in (("right", 1.0), ("other", 1.00001)):
+        model = sigmax.Model(
+            motion=lambda x, dt: jnp.stack([x[0] + dt * x[1], x[1]]), sensor=lambda x: x[:1], Q=[0.1, 0.1], R=[variance]
+        )
+        export_c("EKF", model, sigmax.Gaussian([0.0, 1.0], np.eye(2)), tmp_path / folder)
+    shutil.copy(tmp_path / "other" / "filter.c", tmp_path / "right" / "filter.c")
+    done = subprocess.run(["make", "-C", str(tmp_path / "right"), "test"], capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "largest difference" in done.stdout
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import sigmax
 from sigmax.errors import InputError
 from sigmax.export.source import Names, header, identifier, identifiers, source
 from sigmax.export.testing import makefile, test_program
-from sigmax.export.vectors import recorded
+from sigmax.export.vectors import Rows, filtered, simulated
 from sigmax.filters import Filter
 from sigmax.models.fusion import Fused, name_of, put_together
 from sigmax.models.gaussian import Gaussian
@@ -21,9 +21,6 @@ from sigmax.native import Refused
 from sigmax.running.edge import as_filter, cast, prepare, run_type
 from sigmax.running.fusing import how
 from sigmax.running.lowered import with_numbers
-
-# Largest difference of the test program: rounding of another order of operations, grown over the steps.
-_TOLERANCE = {"float64": 1e-9, "float32": 2e-2}
 
 
 class Exported(NamedTuple):
@@ -45,8 +42,9 @@ def export_c(
     folder: Path | str,
     *,
     name: str = "filter",
-    dt: float = 1.0,
+    dt: Any = 1.0,
     inputs: Any = None,
+    z: Any = None,
     dtype: Any = "float64",
     about: str = "",
 ) -> Exported:
@@ -61,8 +59,10 @@ def export_c(
         prior: where the test program starts, (n,).
         folder: where to write; made if it is not there.
         name: what the files and functions are called.
-        dt: seconds between the steps of the test program.
-        inputs: (k,) inputs of the test program, for models that take u.
+        dt: seconds between the steps of the test program; with z also (T,).
+        inputs: (k,) inputs of the test program, for models that take u; with z also (T, k).
+        z: (T, m) or by sensor, as for `sigmax.run`: the test program runs over these rows. Without it they are
+            simulated from the prior.
         dtype: float64 for `double`, float32 for `float`.
         about: a line for the head of the files.
 
@@ -74,11 +74,14 @@ def export_c(
         raise InputError("an exported filter starts from one prior, not from a batch")
     if model.fusion is not None and any(b.given and callable(model.R[s]) for b in model.fusion for s in b.members):
         raise InputError("a sensor whose R is a function cannot wait for messages in C; export sigmax.fused(model)")
-    u = None if inputs is None else np.asarray(inputs, float)
+    given = None if inputs is None else np.asarray(inputs, float)
+    u = given if given is None or given.ndim == 1 else given[0]
     sizes = _sizes(model, u)
+    elapsed = np.asarray(dt, float)
     nothing = {s: np.full((1, m), np.nan) for s, m in sizes.items()}
-    z = nothing if model.several else nothing[""]
-    ready = prepare(chosen, model, prior, z, dt, None if u is None else u[None], dtype)
+    silent = nothing if model.several else nothing[""]
+    step = float(elapsed.flat[0])
+    ready = prepare(chosen, model, prior, silent, step, None if u is None else u[None], dtype)
     # Alone the motion is the same whether sensors are fused or not, and takes no covariances of measurements.
     apart = cast(model.placed(ready.filter.form.bias_first), dtype)
     inputs_count = 0 if u is None else len(u)
@@ -98,17 +101,15 @@ def export_c(
     carried = low.packing.size - low.n * (low.n + 3) // 2
     names = Names(prefix, identifiers(ready.model.joint_state), parts, carried, 0 if u is None else len(u))
     single = dtype == np.float32
-    vectors = recorded(chosen, model, prior, dt, u, dtype)
-    if (vectors.fault > 0).any():
-        step = int(np.argmax(vectors.fault > 0))
-        raise InputError(f"{chosen.name} fails on the simulated test record at step {step}")
+    rows = simulated(model, prior, step, u) if z is None else _rows(model, z, elapsed, given)
+    vectors = filtered(chosen, model, prior, rows, dtype)
     start = Gaussian(ready.mean, ready.cov)
     head = _head(chosen, model, name, about, single)
     out = Path(folder)
     texts = {
         f"{prefix}.h": header(names, head, single),
         f"{prefix}.c": source(names, programs, head, single),
-        f"test_{prefix}.c": test_program(names, vectors, start, single, _TOLERANCE[str(dtype)]),
+        f"test_{prefix}.c": test_program(names, vectors, start, single),
         "Makefile": makefile(prefix),
     }
     try:
@@ -119,6 +120,14 @@ def export_c(
         raise InputError(f"{out} cannot be written: {error}") from error
     counted = {k or "update": p.operations for k, p in programs.items() if k != "start"}
     return Exported(tuple(out / file for file in texts), counted)
+
+
+def _rows(model: Model, z: Any, dt: np.ndarray, inputs: np.ndarray | None) -> Rows:
+    """Rows of a record as they were measured."""
+    by_sensor = {s: np.asarray(v, float) for s, v in (z if model.several else {"": z}).items()}
+    count = len(next(iter(by_sensor.values())))
+    u = None if inputs is None else np.broadcast_to(inputs, (count, inputs.shape[-1]))
+    return Rows(np.broadcast_to(dt, (count,)), u, by_sensor)
 
 
 def _together(model: Model, sizes: Mapping[str, int]) -> Callable[[Any, Any], Fused]:

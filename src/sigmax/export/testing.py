@@ -80,13 +80,13 @@ def _filled(text: str, **places: Any) -> str:
     return text
 
 
-def test_program(names: Names, vectors: Vectors, prior: Any, single: bool, tolerance: float) -> str:
+def test_program(names: Names, vectors: Vectors, prior: Any, single: bool) -> str:
     """A program that runs the filter over recorded inputs and compares with recorded outputs."""
-    real, n, T = "float" if single else "double", names.n, len(vectors.dt)
+    real, n, T = "float" if single else "double", names.n, len(vectors.rows.dt)
     i, j = np.tril_indices(n)
-    values = {"prior_mean": prior.mean, "prior_cov": prior.cov, "dt": vectors.dt}
-    values |= {} if vectors.u is None else {"u": vectors.u}
-    values |= {f"z_{identifier(s)}": z for s, z in vectors.z.items()}
+    values = {"prior_mean": prior.mean, "prior_cov": prior.cov, "dt": vectors.rows.dt}
+    values |= {} if vectors.rows.u is None else {"u": vectors.rows.u}
+    values |= {f"z_{identifier(s)}": z for s, z in vectors.rows.z.items()}
     values |= {"mean": vectors.mean, "factor": vectors.factor[:, i, j], "nis": vectors.nis}
     given = f", u + {names.inputs} * t" if names.inputs else ""
     updates = [
@@ -99,7 +99,7 @@ def test_program(names: Names, vectors: Vectors, prior: Any, single: bool, toler
         TRIANGLE=n * (n + 1) // 2,
         SIZE=n,
         GIVEN=given,
-        TOLERANCE=repr(tolerance),
+        TOLERANCE=repr(vectors.tolerance),
         REAL=real,
         PREFIX=names.prefix,
         UPDATES="\n".join(updates),

@@ -7,6 +7,7 @@ from sigmax.models import Gaussian, Model
 from sigmax.models.builtin import BUILTIN, Scenario, builtin
 from sigmax.records.load import builtin as builtin_records
 from sigmax.records.load import load
+from sigmax.records.record import Record
 from sigmax.records.userfile import Functions, is_reference
 
 
@@ -30,20 +31,29 @@ def find_model(name: str, folder: Path = Path()) -> Scenario:
             kind = type(made_by).__name__
             raise InputError(f"{name}() must give a pair (sigmax.Model, sigmax.Gaussian); it gives {kind}")
         return Scenario(made_by[0], made_by[1], 1.0, None, False, "")
-    if name.casefold().endswith(".toml") or name.casefold() in builtin_records():
-        record = load(str(folder / name) if name.casefold().endswith(".toml") else name)
-        steps = record.dt[0][record.dt[0] > 0]
-        mean = record.prior.mean if record.prior.mean.ndim == 1 else record.prior.mean[0]
-        cov = record.prior.cov if record.prior.cov.ndim == 2 else record.prior.cov[0]
-        return Scenario(
-            record.model,
-            Gaussian(mean, cov),
-            float(steps.mean()) if len(steps) else 1.0,
-            None if record.inputs is None else record.inputs[0, 0],
-            False,
-            record.title,
-        )
+    if is_record(name):
+        return scenario_of(load(str(folder / name) if name.casefold().endswith(".toml") else name))
     raise InputError(
         f"{name!r} is no model: give a built-in one ({', '.join(BUILTIN)}), the .toml description of a record, "
         "or file.py:function that gives (model, prior)"
+    )
+
+
+def is_record(name: str) -> bool:
+    """Whether a name is that of a record: a built-in one, or a description."""
+    return name not in BUILTIN and (name.casefold().endswith(".toml") or name.casefold() in builtin_records())
+
+
+def scenario_of(record: Record) -> Scenario:
+    """The model of a record with the prior and the inputs of its first track, and its mean step."""
+    steps = record.dt[0][record.dt[0] > 0]
+    mean = record.prior.mean if record.prior.mean.ndim == 1 else record.prior.mean[0]
+    cov = record.prior.cov if record.prior.cov.ndim == 2 else record.prior.cov[0]
+    return Scenario(
+        record.model,
+        Gaussian(mean, cov),
+        float(steps.mean()) if len(steps) else 1.0,
+        None if record.inputs is None else record.inputs[0, 0],
+        False,
+        record.title,
     )
