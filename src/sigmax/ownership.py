@@ -9,24 +9,24 @@ from pathlib import Path
 def stranger(path: Path) -> str:
     """Why somebody else could have written what lies at a path, in words; empty where only the user and root can.
 
-    The file and every folder above it count, as a folder lets its owner exchange what is in it. A folder with the
-    sticky bit, such as /tmp, lets others add files but not exchange ours. A group in which the user is alone counts
-    as the user. Links are followed. On systems without owners of files the answer is empty.
+    The file or folder and every folder above it count, as a folder lets its owner exchange what is in it. One above
+    with the sticky bit, such as /tmp, lets others add files but not exchange ours. A group in which the user is
+    alone counts as the user. Links are followed. On systems without owners of files the answer is empty.
     """
     if not hasattr(os, "geteuid"):
         return ""
     real = path.resolve()
     for place in (real, *real.parents):
         with contextlib.suppress(FileNotFoundError):
-            if said := _stranger(place, place.stat(), place == real and not place.is_dir()):
+            if said := _stranger(place, place.stat(), above=place != real):
                 return said
     return ""
 
 
-def _stranger(place: Path, known: os.stat_result, is_file: bool) -> str:
+def _stranger(place: Path, known: os.stat_result, above: bool) -> str:
     if known.st_uid not in (0, os.geteuid()):
         return f"{place} belongs to another user ({_user(known.st_uid)})"
-    sticky = not is_file and known.st_mode & stat.S_ISVTX
+    sticky = above and known.st_mode & stat.S_ISVTX
     if known.st_mode & stat.S_IWOTH and not sticky:
         return f"{place} can be written by every user"
     if known.st_mode & stat.S_IWGRP and not sticky and known.st_gid != 0 and not _alone_in(known.st_gid):

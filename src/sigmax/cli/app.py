@@ -22,6 +22,28 @@ app = typer.Typer(
 )
 
 
+@app.callback()
+def allow_callback(
+    context: typer.Context,
+    allow: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--allow",
+            metavar="FOLDER",
+            help="Run functions of files in this folder, wherever the description lies that names them and whoever "
+            "could have written them; may be repeated. Without it: those beside or below the description that "
+            "nobody else could have written.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Nonlinear Kalman filtering on recorded measurements."""
+    if allow:
+        from sigmax.records.userfile import functions_allowed_from
+
+        context.with_resource(functions_allowed_from(*allow))
+
+
 @app.command("track")
 def track_command(
     record: Annotated[

@@ -5,6 +5,7 @@ from sigmax.records.load import builtin, load, load_plots
 from sigmax.records.plots import PlotRecord
 from sigmax.records.record import Backdrop, Record, Trial, parse_trial
 from sigmax.records.tracking import Outcome, check, track
+from sigmax.records.userfile import functions_allowed_from
 
 __all__ = [
     "Backdrop",
@@ -15,6 +16,7 @@ __all__ = [
     "builtin",
     "check",
     "find_model",
+    "functions_allowed_from",
     "load",
     "load_plots",
     "parse_trial",

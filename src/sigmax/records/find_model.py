@@ -8,16 +8,16 @@ from sigmax.models.builtin import BUILTIN, Scenario, builtin
 from sigmax.records.load import builtin as builtin_records
 from sigmax.records.load import load
 from sigmax.records.record import Record
-from sigmax.records.userfile import Functions, is_reference
+from sigmax.records.userfile import Functions, called, check_runnable, is_reference
 
 
-def find_model(name: str, folder: Path = Path()) -> Scenario:
+def find_model(name: str, folder: Path | None = None) -> Scenario:
     """The model that a name means, with a prior and a step.
 
     Args:
         name: a built-in model, a built-in record, a record's .toml description, or "file.py:function" that gives
             (model, prior).
-        folder: where relative paths begin.
+        folder: that of the description which says the name; None where the user did.
 
     Raises:
         InputError: for whatever is missing or does not fit.
@@ -26,13 +26,17 @@ def find_model(name: str, folder: Path = Path()) -> Scenario:
         return builtin(name)
     if is_reference(name):
         path, _, function = name.rpartition(":")
-        made_by = Functions(folder)(f"{path}:{function}", name)()
+        find = Functions(folder or Path(), named_by_user=folder is None)
+        made_by = called(find(f"{path}:{function}", name), name)
         if not (isinstance(made_by, tuple) and len(made_by) == 2 and isinstance(made_by[0], Model)):
             kind = type(made_by).__name__
             raise InputError(f"{name}() must give a pair (sigmax.Model, sigmax.Gaussian); it gives {kind}")
         return Scenario(made_by[0], made_by[1], 1.0, None, False, "")
     if is_record(name):
-        return scenario_of(load(str(folder / name) if name.casefold().endswith(".toml") else name))
+        if folder is not None and name.casefold().endswith(".toml"):
+            check_runnable(folder / name, folder, name)
+            name = str(folder / name)
+        return scenario_of(load(name))
     raise InputError(
         f"{name!r} is no model: give a built-in one ({', '.join(BUILTIN)}), the .toml description of a record, "
         "or file.py:function that gives (model, prior)"

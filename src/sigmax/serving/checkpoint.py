@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from sigmax.errors import InputError
+from sigmax.ownership import stranger
 from sigmax.serving.tree import dumped, loaded
 
 # A longer journal gives way to a new state.
@@ -34,13 +35,18 @@ class Checkpoint:
         beyond: whole lines among them: the journal was damaged, not only cut; it is kept as `damaged-K`.
 
     Raises:
-        InputError: where another service holds the folder, it belongs to another description, or cannot be used.
+        InputError: where another service holds the folder, another user could have written it, it belongs to another
+            description, or cannot be used.
     """
 
     def __init__(self, folder: Path, digest: str) -> None:
         self._folder, self._digest = folder, digest
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if who := stranger(folder):
+                raise InputError(
+                    f"the checkpoint {folder} is not used: {who}; change that with chown or chmod, or {_ANEW}"
+                )
             self._lock = (folder / "lock").open("wb")
         except OSError as error:
             raise InputError(f"the checkpoint {folder} cannot be written: {error}") from error
@@ -148,6 +154,8 @@ class Checkpoint:
                 raise InputError(f"{self._folder} has a journal without the state it began with; {_ANEW}")
             self._write(None)
             return self._count, None
+        if who := stranger(self._path("state")):
+            raise InputError(f"the checkpoint {self._folder} is not used: {who}; {_ANEW}")
         try:
             digest, state = loaded(self._path("state").read_bytes())
         except InputError as error:

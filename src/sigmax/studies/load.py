@@ -14,7 +14,7 @@ from sigmax.filters import Filter
 from sigmax.models.builtin import BUILTIN, Scenario
 from sigmax.records import find_model, parse_trial
 from sigmax.records.description import Section, read_toml
-from sigmax.records.userfile import Functions, is_reference
+from sigmax.records.userfile import Functions, called, is_reference
 from sigmax.studies.named import NAMED
 from sigmax.studies.study import Study, undisturbed
 
@@ -60,7 +60,7 @@ def load_studies(name: str, options: Mapping[str, str] | None = None) -> list[St
         return _listed(_made(NAMED[named[name.casefold()]].make, given, name))
     if is_reference(name):
         file = name.rpartition(":")[0]
-        found = _made(Functions(Path())(name, name), given, name)
+        found = _made(Functions(Path(), named_by_user=True)(name, name), given, name)
         if isinstance(found, tuple):
             return [_on_model(find_model(name), Path(file).stem)]
         return _listed(found)
@@ -90,7 +90,7 @@ def _made(make: Any, given: Mapping[str, str], name: str) -> Any:
             takes = ", ".join(f"{k} ({p.default})" for k, p in parameters.items()) or "none"
             raise InputError(f"{name} has no option {key!r}; its options are: {takes}")
         values[key] = _as(type(parameters[key].default), text, key)
-    return make(**values)
+    return called(make, name, **values)
 
 
 def _as(kind: type, text: str, key: str) -> Any:
