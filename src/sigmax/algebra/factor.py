@@ -31,6 +31,19 @@ def dense(M: Matrix) -> jax.Array:
     return jnp.stack([jnp.stack([M.entries[i] if i == j else zero for j in range(n)]) for i in range(n)])
 
 
+def identity(like: jax.Array) -> jax.Array:
+    """I (k, k, ...) of the type and batch of an array (n, k, ...)."""
+    return dense(Diagonal(jnp.ones(like.shape[1:], like.dtype)))
+
+
+def raised(L: Matrix, least: jax.Array) -> Matrix:
+    """A triangle whose diagonal is nowhere below `least` (n, ...); to the last bit as it was where it is above."""
+    if isinstance(L, Diagonal):
+        return Diagonal(jnp.maximum(L.entries, least))
+    rows = [[L[i, j] if i != j else jnp.maximum(L[i, i], least[i]) for j in range(len(L))] for i in range(len(L))]
+    return jnp.stack([jnp.stack(row) for row in rows])
+
+
 def block_diagonal(A: Matrix, B: Matrix) -> Matrix:
     """[[A, 0], [0, B]] of two square matrices."""
     if isinstance(A, Diagonal) and isinstance(B, Diagonal):
@@ -168,22 +181,55 @@ def absorb(L: Matrix, A: jax.Array, B: jax.Array) -> Absorbed:
     return Absorbed(_lower(columns), jnp.stack(crosses, axis=1), B)
 
 
+def rotated(A: jax.Array, B: jax.Array) -> Absorbed:
+    """[[I, A], [0, B]] turned to [[factor, 0], [cross, rest]] by rotations, for A (n, m, ...) and B (k, m, ...).
+
+    The same as `absorb` into I, with which rows of A that are large beside 1 lose what they leave to the next:
+    a rotation multiplies it by a cosine, a reflection subtracts.
+    """
+    columns, crosses = [], []
+    for _ in range(A.shape[0]):
+        pivot, below, cross = jnp.ones_like(A[0, 0]), jnp.zeros_like(A[1:, 0]), jnp.zeros_like(B[:, 0])
+        rows, beside = [], []
+        for j in range(A.shape[1]):
+            # The pivot is at least 1.
+            norm = jnp.sqrt(pivot * pivot + A[0, j] * A[0, j])
+            cosine, sine = pivot / norm, A[0, j] / norm
+            rows.append(cosine * A[1:, j] - sine * below)
+            beside.append(cosine * B[:, j] - sine * cross)
+            below = cosine * below + sine * A[1:, j]
+            cross = cosine * cross + sine * B[:, j]
+            pivot = norm
+        columns.append(jnp.concatenate([pivot[None], below]))
+        crosses.append(cross)
+        A, B = jnp.stack(rows, axis=1), jnp.stack(beside, axis=1)
+    return Absorbed(_lower(columns), jnp.stack(crosses, axis=1), B)
+
+
 def add(L: Matrix, A: jax.Array) -> jax.Array:
     """Factor of L Lᵀ + A Aᵀ for a triangle L (n, n, ...) and any columns A (n, k, ...)."""
     return absorb(L, A, A[:0]).factor if A.shape[1] else dense(L)
 
 
 def downdate(L: jax.Array, V: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Factor of L Lᵀ − V Vᵀ for V (n, q, ...), and whether it exists (...): O(n² q).
+    """Factor of L Lᵀ − V Vᵀ for V (n, q, ...), and whether it exists (...): O(n² q)."""
+    less, sound = release(L, V, L[:0])
+    return less.factor, sound
 
-    The J-orthogonal triangularisation: a hyperbolic rotation a row in mixed form for one column,
-    a hyperbolic reflection a row for several. Where the difference is not positive definite there is
-    no real factor: unsound, never silent.
+
+def release(L: jax.Array, V: jax.Array, B: jax.Array) -> tuple[Absorbed, jax.Array]:
+    """The opposite of `absorb`: [[L, V], [B, 0]] → [[factor, 0], [cross, rest]], and whether the factor exists (...).
+
+    factor factorᵀ = L Lᵀ − V Vᵀ, cross factorᵀ = B Lᵀ, cross crossᵀ − rest restᵀ = B Bᵀ. The J-orthogonal
+    triangularisation: a hyperbolic rotation a row in mixed form for one column, a hyperbolic reflection a row
+    for several. Where the difference is not positive definite there is no real factor: unsound, never silent.
     """
-    several = V.shape[1] > 1
+    n, several = L.shape[0], V.shape[1] > 1
     sound = jnp.ones(L.shape[2:], bool)
+    L = jnp.concatenate([L, B])
+    V = jnp.concatenate([V, jnp.zeros((len(B), *V.shape[1:]), V.dtype)])
     columns = []
-    for k in range(L.shape[0]):
+    for k in range(n):
         pivot, beside, row, below = L[k, k], L[k + 1 :, k], V[0], V[1:]
         size = safe_sqrt((row * row).sum(0))[0] if several else row[0]
         new, positive = safe_sqrt((pivot - size) * (pivot + size))
@@ -199,7 +245,8 @@ def downdate(L: jax.Array, V: jax.Array) -> tuple[jax.Array, jax.Array]:
             turned = (beside - sine * below[:, 0]) / cosine
             V = cosine * below - sine * turned[:, None]
         columns.append(jnp.concatenate([new[None], turned]))
-    return _lower(columns), sound
+    whole = _lower(columns)
+    return Absorbed(whole[:n], whole[n:], V), sound
 
 
 def solve_lower(L: jax.Array, b: jax.Array) -> jax.Array:

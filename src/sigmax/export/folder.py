@@ -98,8 +98,7 @@ def export_c(
     parts = {s: identifiers(model.measurement[s] or [f"z{i}" for i in range(m)]) for s, m in sizes.items()}
     if model.fusion is not None:
         parts = {"": tuple(f"{identifier(s)}_{part}" for s, own in parts.items() for part in own)}
-    carried = low.packing.size - low.n * (low.n + 3) // 2
-    names = Names(prefix, identifiers(ready.model.joint_state), parts, carried, 0 if u is None else len(u))
+    names = Names(prefix, identifiers(ready.model.joint_state), parts, 0 if u is None else len(u))
     single = dtype == np.float32
     rows = simulated(model, prior, step, u) if z is None else _rows(model, z, elapsed, given)
     vectors = filtered(chosen, model, prior, rows, dtype)

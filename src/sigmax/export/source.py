@@ -20,14 +20,12 @@ class Names(NamedTuple):
         prefix: of all that the header declares.
         state: components of the state.
         sensors: by the sensor's name, its components.
-        carried: how many numbers the form carries beside the factor.
         inputs: how many inputs there are.
     """
 
     prefix: str
     state: tuple[str, ...]
     sensors: Mapping[str, tuple[str, ...]]
-    carried: int
     inputs: int
 
     @property
@@ -43,12 +41,8 @@ class Names(NamedTuple):
         """The name of a number of the row that a belief is kept in."""
         if place < self.n:
             return f"x_{self.state[place]}"
-        place -= self.n
-        size = self.n * (self.n + 1) // 2
-        if place < size:
-            i, j = (int(a[place]) for a in np.tril_indices(self.n))
-            return f"S_{self.state[i]}__{self.state[j]}"
-        return f"carried_{place - size}"
+        i, j = (int(a[place - self.n]) for a in np.tril_indices(self.n))
+        return f"S_{self.state[i]}__{self.state[j]}"
 
 
 def identifiers(names: Sequence[str]) -> tuple[str, ...]:
@@ -72,11 +66,6 @@ def header(names: Names, about: str, single: bool) -> str:
     )
     places = ", ".join(f"{p.upper()}_{name.upper()}" for name in names.state)
     given = _inputs_argument(names, real)
-    carried = (
-        f"    {real} carried[{names.carried}]; /* what the form of the filter carries beside it */\n"
-        if names.carried
-        else ""
-    )
     lines = [
         comment(about),
         f"#ifndef {guard}\n#define {guard}\n",
@@ -86,7 +75,7 @@ def header(names: Names, about: str, single: bool) -> str:
         f"enum {{\n{faults}\n}};\n",
         "/* What is known: P = S S', S lower triangular with its rows one after the other. */\n"
         f"typedef struct {{\n    {real} mean[{n}]; /* {', '.join(names.state)} */\n"
-        f"    {real} factor[{n * (n + 1) // 2}];\n{carried}}} {p}_state;\n",
+        f"    {real} factor[{n * (n + 1) // 2}];\n}} {p}_state;\n",
         f"/* Begin with a mean and a covariance, its rows one after the other; 1 where that is none. */\n"
         f"int {p}_start({p}_state *s, const {real} mean[{n}], const {real} cov[{n * n}]);\n",
         f"/* Move on by dt seconds. */\nint {p}_predict({p}_state *s, {real} dt{given});\n",
@@ -107,7 +96,7 @@ def header(names: Names, about: str, single: bool) -> str:
 def source(names: Names, programs: Mapping[str, Program], about: str, single: bool) -> str:
     """The source: the straight lines, and the functions of the header around them."""
     real, p, n = "float" if single else "double", names.prefix, names.n
-    size = n + n * (n + 1) // 2 + names.carried
+    size = n + n * (n + 1) // 2
     lines = [comment(about), f'#include "{p}.h"\n\n#include <math.h>\n#include <stddef.h>\n']
     lines += _rows(names, real)
     lines += c_function(programs["start"], "begin", single, lambda g, i: f"given_{i}")
@@ -162,7 +151,7 @@ def _copied_inputs(names: Names, after: int) -> list[str]:
 
 def _rows(names: Names, real: str) -> list[str]:
     n = names.n
-    parts = [("mean", n), ("factor", n * (n + 1) // 2), *([("carried", names.carried)] if names.carried else [])]
+    parts = [("mean", n), ("factor", n * (n + 1) // 2)]
     there, back, at = [], [], 0
     for part, size in parts:
         there.append(f"    for (i = 0; i < {size}; i++) row[{at} + i] = s->{part}[i];")

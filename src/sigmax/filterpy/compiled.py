@@ -93,7 +93,7 @@ def _predicted(slope: jax.Array, residual: jax.Array, deficit: jax.Array, Lq: ja
 def _corrected(
     S: jax.Array, slope: jax.Array, residual: jax.Array, deficit: jax.Array, Lr: jax.Array, y: jax.Array
 ) -> Corrected:
-    made = block.correct(S, (), _line(slope, residual, deficit), Lr, y)
+    made = block.correct(S, _line(slope, residual, deficit), Lr, y)
     Sy = made.innovation_factor
     half = solve_lower(Sy, outer(slope, S))
     gain = product(half.swapaxes(0, 1), inverse_lower(Sy))

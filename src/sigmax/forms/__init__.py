@@ -1,9 +1,8 @@
-"""Forms: how a filter stores its covariance and what it does with a linearisation."""
+"""Forms: what a filter does with a linearisation and the factor of its covariance."""
 
-from sigmax.forms.covariance import covariance
 from sigmax.forms.form import Corrected, Form, Predicted
-from sigmax.forms.information import information
-from sigmax.forms.square_root import block, root_information, square_root
+from sigmax.forms.information import information, root_information
+from sigmax.forms.square_root import block, covariance, square_root
 from sigmax.forms.two_stage import two_stage
 
 __all__ = [

@@ -1,8 +1,8 @@
-"""What a form is: four functions on arrays that know nothing of models."""
+"""What a form is: two functions on arrays that know nothing of models."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 
@@ -11,10 +11,9 @@ from sigmax.rules.linearization import Linearization
 
 
 class Predicted(NamedTuple):
-    """The covariance after a prediction: its factor S (n, n, ...), what the form carries, is it sound (...)."""
+    """The covariance after a prediction: its factor S (n, n, ...), and whether it is sound (...)."""
 
     factor: jax.Array
-    carried: Any
     sound: jax.Array
 
 
@@ -24,15 +23,13 @@ class Corrected(NamedTuple):
     Attributes:
         shift: what the correction adds to the mean (n, ...).
         factor: S of the corrected covariance (n, n, ...).
-        carried: what the form carries beside it.
         whitened: S_y⁻¹ ν (m, ...), of unit covariance if the filter is honest.
         innovation_factor: S_y (m, m, ...), the factor of the innovation's covariance.
-        sound: whether the innovation's and the corrected covariance are positive definite (...).
+        sound: whether the noise, less negative weights, is positive definite (...).
     """
 
     shift: jax.Array
     factor: jax.Array
-    carried: Any
     whitened: jax.Array
     innovation_factor: jax.Array
     sound: jax.Array
@@ -40,25 +37,24 @@ class Corrected(NamedTuple):
 
 @dataclass(frozen=True)
 class Form:
-    """A way to carry a covariance from step to step.
+    """A way to compute a covariance from step to step.
 
     Every half-step ends with the lower factor S of the covariance, from which rules draw their
-    points: results of sigma points depend on the root, so all forms use this one.
+    points: results of sigma points depend on the root, so all forms use this one, and P = S Sᵀ or
+    Y = P⁻¹ is formed where it is read. No form squares, inverts or subtracts what has the scale of the prior.
 
     Attributes:
         name: as it stands in tables.
-        start: S -> what the form carries beside S, `()` where that is nothing.
         predict: (linearisation, factor of Q) -> Predicted.
-        correct: (S, carried, linearisation, factor of R, innovation ν) -> Corrected.
+        correct: (S, linearisation, factor of R, innovation ν) -> Corrected.
         omega: whether a correction counts Ω, what the straight line of the sensor misses.
         bias_first: whether S is the factor of [b; x], the bias of a model before its state, rather than of [x; b].
         biased: p -> the form for a model with p biases, None for a form that need not know.
     """
 
     name: str
-    start: Callable[[jax.Array], Any] = field(repr=False)
     predict: Callable[[Linearization, Matrix], Predicted] = field(repr=False)
-    correct: Callable[[jax.Array, Any, Linearization, Matrix, jax.Array], Corrected] = field(repr=False)
+    correct: Callable[[jax.Array, Linearization, Matrix, jax.Array], Corrected] = field(repr=False)
     omega: bool = True
     bias_first: bool = False
     biased: "Callable[[int], Form] | None" = field(default=None, repr=False)

@@ -17,11 +17,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.arrays import inner, outer, product, times
-from sigmax.algebra.factor import Diagonal, Matrix, cholesky, dense, solve_lower, square
-from sigmax.forms.covariance import covariance, spread_of
-from sigmax.forms.form import Corrected, Form, Predicted
-from sigmax.forms.information import factor_of_inverse, information
+from sigmax.algebra.arrays import product, times
+from sigmax.algebra.factor import Matrix, absorb, add, dense, identity, solve_lower, tria
+from sigmax.forms.form import Corrected, Form
+from sigmax.forms.information import information, sum_of_information
+from sigmax.forms.noise import noise_factor, predict_squared
+from sigmax.forms.square_root import covariance
 from sigmax.rules.linearization import Linearization
 
 
@@ -51,33 +52,22 @@ Blocks = tuple[jax.Array, jax.Array]  # V L₂ and L₁
 Update = Callable[[Blocks, tuple[jax.Array, jax.Array], Linearization, Matrix, jax.Array], Stages]
 
 
-def _one(M: jax.Array) -> jax.Array:
-    return dense(Diagonal(jnp.ones(M.shape[1:], M.dtype)))
-
-
-def _known(line: Linearization, slope: jax.Array) -> Linearization:
-    """The linearisation with another slope: what is left of it where something is known."""
-    return line._replace(slope=slope)
-
-
 def _gains(
     blocks: Blocks, slopes: tuple[jax.Array, jax.Array], line: Linearization, Lr: Matrix, nu: jax.Array
 ) -> Stages:
     """Two gains: K₁ = P₁ Hᵀ S₁⁻¹ of the state where the bias is known, K₂ = P₂ Nᵀ P_zz⁻¹ of the bias."""
     C, L1 = blocks
     E2, E1 = slopes
-    known, sound_known = cholesky(spread_of(_known(line, E1), Lr))
-    Sy, sound = cholesky(spread_of(line, Lr))
-    G1, G2 = solve_lower(known, E1), solve_lower(Sy, E2)
+    noise, sound = noise_factor(line, Lr)
+    known, cross1, rest1 = absorb(noise, E1, identity(L1))
+    Sy, cross2, rest2 = absorb(known, E2, identity(E2))
     whitened = solve_lower(Sy, nu)
-    D1, sound_state = cholesky(_one(E1) - inner(G1, G1))
-    D2, sound_bias = cholesky(_one(E2) - inner(G2, G2))
 
     def gained(v: jax.Array) -> jax.Array:
-        return product(L1, product(G1.swapaxes(0, 1), solve_lower(known, v)))
+        return product(L1, product(cross1, solve_lower(known, v)))
 
-    shift = times(G2.swapaxes(0, 1), whitened), gained(nu[:, None])[:, 0]
-    return Stages(C - gained(E2), D2, D1, shift, whitened, Sy, sound & sound_known & sound_state & sound_bias)
+    shift = times(cross2, whitened), gained(nu[:, None])[:, 0]
+    return Stages(C - gained(E2), tria(rest2), tria(rest1), shift, whitened, Sy, sound)
 
 
 def _weighted(
@@ -88,20 +78,21 @@ def _weighted(
     Lr: Matrix,
     nu: jax.Array,
 ) -> Stages:
-    """Sums of information in the stages' own units: J₁₁ = I + E₁ᵀ W E₁ and so on, no information vector."""
+    """Sums of information in the stages' own units: J₁₁ = I + E₁ᵀ W E₁ and so on, no information vector.
+
+    What the state does not explain of the bias's columns and of the innovation is left to the bias as a root:
+    J₂₂ − J₁₂ᵀ J₁₁⁻¹ J₁₂ would be a difference.
+    """
     C, L1 = blocks
     E2, E1 = slopes
-    Lw, sound_weight = cholesky(spread_of(_known(line, E1[:, :0]), Lr) if exact else square(Lr))
-    G1, G2, weighted = solve_lower(Lw, E1), solve_lower(Lw, E2), solve_lower(Lw, nu)
-    D1, sound_state = factor_of_inverse(_one(E1) + inner(G1, G1))
-    inverse = outer(D1, D1)
-    J12, r1 = inner(G1, G2), times(G1.swapaxes(0, 1), weighted)
-    K = product(inverse, J12)
-    D2, sound_bias = factor_of_inverse(_one(E2) + inner(G2, G2) - inner(J12, K))
-    r2 = times(G2.swapaxes(0, 1), weighted) - times(K.swapaxes(0, 1), r1)
-    shift = times(outer(D2, D2), r2), times(L1, times(inverse, r1))
-    Sy, sound = cholesky(spread_of(line, Lr))
-    sound = sound & sound_weight & sound_state & sound_bias
+    noise, sound = noise_factor(line, Lr)
+    Sy = add(noise, line.slope)
+    whitening = dense(noise if exact else Lr)
+    G1, G2, weighted = (solve_lower(whitening, a) for a in (E1, E2, nu))
+    D1, explained, left = sum_of_information(G1, jnp.concatenate([weighted[None], G2.swapaxes(0, 1)]))
+    K = product(D1, explained[1:].swapaxes(0, 1))
+    D2, explained_bias, _ = sum_of_information(left[1:].swapaxes(0, 1), left[:1])
+    shift = times(D2, explained_bias[0]), times(L1, times(D1, explained[0]))
     return Stages(C - product(L1, K), D2, D1, shift, solve_lower(Sy, nu), Sy, sound)
 
 
@@ -117,19 +108,7 @@ def _paper(
     return _weighted(False, blocks, slopes, line, Lr, nu)
 
 
-def _nothing(S: jax.Array) -> tuple[()]:
-    return ()
-
-
-def _predict(line: Linearization, Lq: Matrix) -> Predicted:
-    """P₂ = P_bb, V = P_xb P_bb⁻¹, P₁ = P_xx − V P₂ Vᵀ: what the factor of the order [b; x] consists of."""
-    S, sound = cholesky(spread_of(line, Lq))
-    return Predicted(S, (), sound)
-
-
-def _correct(
-    update: Update, p: int, S: jax.Array, carried: tuple[()], line: Linearization, Lr: Matrix, nu: jax.Array
-) -> Corrected:
+def _correct(update: Update, p: int, S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
     L2, L1 = S[:p, :p], S[p:, p:]
     done = update((S[p:, :p], L1), (line.slope[:, :p], line.slope[:, p:]), line, Lr, nu)
     of_bias, of_state = done.shift
@@ -137,7 +116,7 @@ def _correct(
     upper = jnp.concatenate([product(L2, done.bias), jnp.zeros_like(S[:p, p:])], axis=1)
     lower = jnp.concatenate([product(done.coupled, done.bias), product(L1, done.state)], axis=1)
     factor = jnp.concatenate([upper, lower])
-    return Corrected(shift, factor, (), done.whitened, done.innovation_factor, done.sound)
+    return Corrected(shift, factor, done.whitened, done.innovation_factor, done.sound)
 
 
 @lru_cache(maxsize=64)
@@ -145,7 +124,7 @@ def _staged(name: str, update: Update, alone: Form, biases: int) -> Form:
     """The form for so many biases; without any there is one stage, and it is the form `alone`."""
     if not biases:
         return alone
-    return Form(name, _nothing, _predict, partial(_correct, update, biases), omega=alone.omega, bias_first=True)
+    return Form(name, predict_squared, partial(_correct, update, biases), omega=alone.omega, bias_first=True)
 
 
 # Functions with a name, not partial ones: a form is equal to its copy out of a pickle.
@@ -163,8 +142,7 @@ def _paper_on(biases: int) -> Form:
 
 def _form(on: Callable[[int], Form]) -> Form:
     alone = on(0)
-    start, predict, correct = alone.start, alone.predict, alone.correct
-    return Form(on(1).name, start, predict, correct, omega=alone.omega, bias_first=True, biased=on)
+    return Form(on(1).name, alone.predict, alone.correct, omega=alone.omega, bias_first=True, biased=on)
 
 
 two_stage = {"covariance": _form(_gains_on), "exact": _form(_exact_on), "paper": _form(_paper_on)}

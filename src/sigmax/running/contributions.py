@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.arrays import TWO_PI, inner, times, wrap
-from sigmax.algebra.factor import dense, inverse_lower, solve_lower
+from sigmax.algebra.factor import cholesky, dense, inverse_lower, solve_lower
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
-from sigmax.forms.information import factor_of_inverse
+from sigmax.forms.information import sum_of_information
 from sigmax.models.checks import finite, numbers
 from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused
@@ -175,7 +175,7 @@ def _gathered(model: Model, given: list[Contribution], u: Any) -> Fused:
 @lru_cache(maxsize=64)
 def _to_state(filter: Filter, sensor: str) -> Any:
     def contributed(model: Model, belief: Belief, z: Any, R: Any, u: Any) -> tuple[Any, Any]:
-        x, S, _ = belief
+        x, S = belief
         seen = ~jnp.isnan(z)
         angular = model.measured_angular(sensor, z.shape[0])
         line = filter.correct(sensing(model, sensor, x, u), x, S, angular)
@@ -190,7 +190,7 @@ def _to_state(filter: Filter, sensor: str) -> Any:
 
 def _into_state(live: Live, given: list[Contribution]) -> None:
     model, names = live.apart, tuple(map(str, live.apart.joint_state))
-    x, S = (np.asarray(a, float) for a in live.belief[:2])
+    x, S = (np.asarray(a, float) for a in live.belief)
     vector, matrix = np.zeros(len(names)), np.zeros((len(names), len(names)))
     for c in given:
         if c.components != names:
@@ -200,7 +200,7 @@ def _into_state(live: Live, given: list[Contribution]) -> None:
     mean, factor, sound = (np.asarray(a) for a in _summed(x, S, vector, matrix))
     if sound:
         moved = np.asarray(wrap(jnp.asarray(mean), model.joint_angular))
-        live.put(Belief(moved, factor, live.filter.form.start(jnp.asarray(factor))), Fault.NONE)
+        live.put(Belief(moved, factor), Fault.NONE)
     else:
         live.put(live.belief, Fault.CORRECTION_INDEFINITE)
 
@@ -208,6 +208,7 @@ def _into_state(live: Live, given: list[Contribution]) -> None:
 @jax.jit
 def _summed(x: Any, S: Any, vector: Any, matrix: Any) -> tuple[Any, Any, Any]:
     """Y⁺ = Y + I and y⁺ = y + i, in units of S."""
-    D, sound = factor_of_inverse(jnp.eye(len(x)) + inner(S, inner(matrix, S)))
+    root, sound = cholesky(matrix)
+    D, *_ = sum_of_information(inner(root, S), jnp.zeros_like(S[:0]))
     factor = S @ D
     return x + times(factor, times(factor.swapaxes(0, 1), vector)), factor, sound

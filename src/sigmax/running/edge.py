@@ -129,7 +129,7 @@ def prepare(
         filter,
         cast(model, dtype),
         typed(prior.mean, dtype),
-        starting_cov(filter, prior, dtype),
+        typed(prior.cov, dtype),
         {s: typed(v, dtype) for s, v in measured.items()},
         typed(elapsed, dtype),
         None if u is None else typed(u, dtype),
@@ -162,24 +162,6 @@ def run_type(dtype: Any) -> np.dtype[Any]:
 def typed(a: Any, dtype: Any) -> Any:
     """An array in the type of a run: of NumPy where its numbers are known."""
     return jnp.asarray(a, dtype) if is_traced(a) else np.asarray(a, dtype)
-
-
-def starting_cov(filter: Filter, prior: Gaussian, dtype: Any) -> Any:
-    """The covariance of a prior, in the type of the run.
-
-    Raises:
-        InputError: where the filter needs its inverse and it has none.
-    """
-    cov = typed(prior.cov, dtype)
-    if filter.form.name.startswith("information") and not is_traced(cov):
-        deviation = np.sqrt(np.einsum("...ii->...i", np.asarray(cov, float)))
-        known = not deviation.min() > 0
-        if not known:
-            scaled = np.asarray(cov, float) / (deviation[..., :, None] * deviation[..., None, :])
-            known = not np.linalg.eigvalsh(scaled).min() > 0
-        if known:
-            raise InputError("an information filter needs a prior in which no component is known exactly (variance 0)")
-    return cov
 
 
 def cast(model: Model, dtype: Any) -> Model:

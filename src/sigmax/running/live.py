@@ -14,7 +14,7 @@ from sigmax.models.model import Model
 from sigmax.native import Refused, Unavailable
 from sigmax.running.backend import attempt, native_failed
 from sigmax.running.covariances import covariances
-from sigmax.running.edge import as_filter, cast, joined, run_type, starting_cov, typed
+from sigmax.running.edge import as_filter, cast, joined, run_type, typed
 from sigmax.running.fusing import Members, with_members_live
 from sigmax.running.given import Given
 from sigmax.running.intervals import seconds_of
@@ -67,7 +67,7 @@ class Live:
         self.model = cast(model, self._dtype)
         self._given = Given(self.model, self._dtype, prior.mean.shape[:-1], *self._asked[1:])
         mean = typed(prior.mean, self._dtype)
-        cov = starting_cov(self.filter, prior, self._dtype)
+        cov = typed(prior.cov, self._dtype)
         parts = self.filter, self.model, mean, cov
         self._state: LaneState | XlaState = attempt(
             backend, False, lambda: LaneState(*parts), lambda: XlaState.of_prior(*parts)
@@ -111,7 +111,7 @@ class Live:
 
     @property
     def belief(self) -> Belief:
-        """Mean and factor of state and bias together, batch last, and what the form carries beside them."""
+        """Mean and factor of state and bias together, batch last."""
         if self._busy:
             raise InputError(_SHARED)
         return self._state.belief

@@ -1,7 +1,7 @@
 """The state of a live filter on XLA."""
 
 from collections.abc import Mapping
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -16,7 +16,7 @@ from sigmax.models.model import Model
 from sigmax.models.opaque import failures_raised
 from sigmax.running.covariances import covariances
 from sigmax.running.scanned import batch_first, batch_last
-from sigmax.running.step import Belief, Innovation, begin, correct, later, predict
+from sigmax.running.step import Belief, Innovation, correct, later, predict
 
 
 class XlaState:
@@ -85,10 +85,10 @@ class XlaState:
         return Innovation(*map(np.asarray, laid))
 
 
-@partial(jax.jit, static_argnums=0)
-def begun(filter: Filter, mean: Any, cov: Any) -> Belief:
+@jax.jit
+def begun(mean: Any, cov: Any) -> Belief:
     """The belief of a prior (n,) and (n, n), or batch last."""
-    return begin(filter, mean, cholesky(cov)[0])
+    return Belief(mean, cholesky(cov)[0])
 
 
 @lru_cache(maxsize=128)

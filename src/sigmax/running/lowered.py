@@ -19,7 +19,7 @@ from sigmax.native.graph import Array, array_of
 from sigmax.running.fusing import with_members_live
 from sigmax.running.packing import Packing
 from sigmax.running.smooth_step import back
-from sigmax.running.step import Belief, begin, correct, predict
+from sigmax.running.step import Belief, correct, predict
 
 # What `correct` tells, in the order of record.c.
 TOLD = ("nis", "log_likelihood", "dof", "fault")
@@ -53,10 +53,7 @@ class Lowered:
         self._alone, self._numbers = alone, numbers
         self.zeros = [np.array(pattern).reshape(shape) for shape, pattern in zeros]
         self.n = len(self._model([np.zeros(z.shape) for z in self.zeros]).joint_angular)
-        square = jax.ShapeDtypeStruct((self.n, self.n), self.dtype)
-        carried = jax.eval_shape(filter.form.start, square)
-        leaves, shape = jax.tree.flatten(carried)
-        self.packing = Packing(self.n, tuple(leaf.shape for leaf in leaves), shape)
+        self.packing = Packing(self.n)
         self._made: dict[tuple[Any, ...], Step] = {}
 
     def need(self, *parts: tuple[Any, ...]) -> list[Step]:
@@ -118,9 +115,6 @@ class Lowered:
         traced = jax.make_jaxpr(lambda *a: function(self._model(a[:count]), *a[count:]))(*specs)
         return Program(g, tuple(inputs), made(evaluate(g, traced, arrays)))
 
-    def _belief(self, mean: Any, factor: Any, carried: Sequence[Any]) -> Belief:
-        return Belief(mean, factor, jax.tree.unflatten(self.packing.structure, carried))
-
     def _given(self, g: Graph, *shapes: tuple[int, ...]) -> list[Array]:
         """Arrays of inputs that follow each other in one group."""
         flat = g.inputs("given", (sum(int(np.prod(s)) for s in shapes),))
@@ -138,7 +132,7 @@ class Lowered:
 
         def function(model: Model, mean: Any, cov: Any) -> Any:
             factor, sound = cholesky(cov)
-            return [*jax.tree.leaves(begin(self.filter, mean, factor)), sound]
+            return mean, factor, sound
 
         def made(out: list[Array]) -> dict[str, Any]:
             return {"made": self.packing.nodes(out[:-1]), "told": [out[-1][()]]}
@@ -147,12 +141,12 @@ class Lowered:
 
     def _predict(self) -> Program:
         g = Graph()
-        count = len(self.packing.carried)
 
-        def function(model: Model, mean: Any, factor: Any, *rest: Any) -> Any:
-            belief = self._belief(mean, factor, rest[:count])
-            u = rest[count + 1] if self.inputs else None
-            return jax.tree.leaves(predict(self.filter, model, noise_roots(model), belief, rest[count], u))
+        def function(model: Model, mean: Any, factor: Any, dt: Any, *u: Any) -> Any:
+            belief, fault = predict(
+                self.filter, model, noise_roots(model), Belief(mean, factor), dt, u[0] if u else None
+            )
+            return *belief, fault
 
         given = self._given(g, (), *(((self.inputs,),) if self.inputs else ()))
         inputs = {"state": self.packing.symbols(g, "state"), "given": given}
@@ -163,18 +157,16 @@ class Lowered:
     def _correct(self, sensor: str, size: int, together: Callable[[Any, Any], Fused] | None = None) -> Program:
         """A measurement (m,), or what several sensors measured, put together before: (z, u) -> the one it makes."""
         g = Graph()
-        count = len(self.packing.carried)
 
-        def function(model: Model, mean: Any, factor: Any, *rest: Any) -> Any:
-            belief = self._belief(mean, factor, rest[:count])
-            z, u = rest[count], rest[count + 1] if self.inputs else None
+        def function(model: Model, mean: Any, factor: Any, z: Any, *inputs: Any) -> Any:
+            u = inputs[0] if inputs else None
             fused = None if together is None else together(z, u)
             if fused is not None:
                 z, u = fused.z, fused.u
-            new, told, fault = correct(self.filter, model, sensor, model.R[sensor], belief, z, u)
+            new, told, fault = correct(self.filter, model, sensor, model.R[sensor], Belief(mean, factor), z, u)
             if fused is not None:
                 told = with_members_live(told, fused)
-            return [*jax.tree.leaves(new), told.nis, told.log_likelihood, told.dof, fault, told.residual, told.factor]
+            return [*new, told.nis, told.log_likelihood, told.dof, fault, told.residual, told.factor]
 
         given = self._given(g, (size,), *(((self.inputs,),) if self.inputs else ()))
         inputs = {"state": self.packing.symbols(g, "state"), "given": given}
@@ -189,7 +181,6 @@ class Lowered:
     def _back(self) -> Program:
         """A step of the smoother: the filtered state, the smoothed later one -> the smoothed one."""
         g = Graph()
-        plain = Packing(self.n, (), jax.tree.structure(()))
 
         def function(
             model: Model, mean: Any, factor: Any, later: Any, later_factor: Any, dt: Any, fault: Any, *u: Any
@@ -201,9 +192,11 @@ class Lowered:
             return new, root, failed
 
         dt, *u, fault = self._given(g, (), *(((self.inputs,),) if self.inputs else ()), ())
-        later = [plain.symbols(g, "later"), plain.symbols(g, "state")]
-        inputs = {"state": later[1], "later": later[0], "given": [dt, fault, *u]}
-        return self._program(function, inputs, g, lambda out: {"next": plain.nodes(out[:-1]), "told": [out[-1][()]]})
+        later, state = self.packing.symbols(g, "later"), self.packing.symbols(g, "state")
+        inputs = {"state": state, "later": later, "given": [dt, fault, *u]}
+        return self._program(
+            function, inputs, g, lambda out: {"next": self.packing.nodes(out[:-1]), "told": [out[-1][()]]}
+        )
 
 
 @lru_cache(maxsize=256)

@@ -37,7 +37,7 @@ class _Row(NamedTuple):
 
 
 class RowSteps:
-    """Start, predict and correct rows (B, size), each a belief: mean, lower factor, what the form carries.
+    """Start, predict and correct rows (B, size), each a belief: mean, lower factor.
 
     The functions are pure: they give new rows. Nothing is compiled again when B changes on the native
     engine; on XLA a compilation is made for each power of two.

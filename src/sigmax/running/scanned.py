@@ -16,7 +16,7 @@ from sigmax.models.evaluate import noise_roots
 from sigmax.models.model import Model
 from sigmax.models.opaque import calls_out
 from sigmax.running.edge import Prepared
-from sigmax.running.step import Belief, Innovation, begin, correct, later, predict
+from sigmax.running.step import Belief, Innovation, correct, later, predict
 
 _SMALLEST_PART = 256
 
@@ -156,7 +156,7 @@ def _scan(
         }
         return (belief, total + log_likelihood), {name: parts[name] for name in keep}
 
-    started = begin(filter, mean, cholesky(cov)[0])
+    started = Belief(mean, cholesky(cov)[0])
     zero = jnp.zeros(mean.shape[1:], mean.dtype)
     records = _Laid(mean=None, cov=None, z=z, dt=dt, u=u)
     moving = jnp.arange(dt.shape[0]) > 0

@@ -4,14 +4,15 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from sigmax.algebra.arrays import outer, product, times, wrap
-from sigmax.algebra.factor import Diagonal, dense, downdate, inverse_lower, solve_lower, tria
+from sigmax.algebra.arrays import product, times, wrap
+from sigmax.algebra.factor import Diagonal, Matrix, absorb, add, dense, downdate, raised, release, solve_lower, tria
 from sigmax.filters import Filter
 from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise
 from sigmax.models.model import Model
 from sigmax.rules.linearization import Linearization
-from sigmax.running.step import Fault
+from sigmax.running.step import ROUNDING, Fault
 
 State = tuple[Any, Any]  # mean (n, ...) and factor (n, n, ...)
 
@@ -43,39 +44,49 @@ def back(
 def _back(
     filter: Filter, model: Model, noise: NoiseRoots, x: Any, S: Any, later: tuple[Any, Any], dt: Any, u: Any
 ) -> tuple[Any, Any, Any]:
-    """One step backwards: G = S Eᵀ P⁻¹, S_s = tria[S − G E, G L_q, G N, G S_later], less G D."""
+    """One step backwards: x_s = x + C S⁻⁻¹ (x_later − x⁻), S_s = tria[left, C S⁻⁻¹ S_later], less what D takes.
+
+    [[L, E], [0, S]] → [[S⁻, 0], [C, left]], L = tria[L_q, N]: C S⁻⁻¹ is the smoother's gain, and left leftᵀ what x⁻
+    leaves open of x. P⁻ is neither formed nor inverted.
+    """
     line = linearized_motion(filter.predict, model, x, S, dt, u)
     Lq, sound = motion_noise(model, noise, x, dt, u)
-    line, rest = _in_domain(model, line, dense(Lq))
-    predicted = tria(jnp.concatenate([line.slope, rest], axis=1))
-    if line.deficit.shape[1]:
+    line, L = _in_domain(model, line, Lq)
+    # Rounding counts as noise: a row of E and S is not smaller than its last digits, whatever cancels in it.
+    L = raised(L, ROUNDING * float(np.finfo(x.dtype).eps) * (jnp.abs(line.slope).sum(1) + jnp.abs(S).sum(1)))
+    predicted, cross, left = absorb(L, line.slope, S)
+    taken = line.deficit
+    if taken.shape[1]:
         # As the filter did: without the negative weights where the difference is indefinite.
-        less, exists = downdate(predicted, line.deficit)
-        predicted = jnp.where(exists, less, predicted)
-        line = line._replace(deficit=jnp.where(exists, line.deficit, 0))
-    # A component known exactly has a zero pivot and takes no part.
-    pivot = jnp.stack([predicted[i, i] for i in range(x.shape[0])])
-    known = pivot <= 0
-    safe = predicted + dense(Diagonal(jnp.where(known, 1, 0).astype(x.dtype)))
-    half = jnp.where(known[:, None], 0, solve_lower(safe, outer(line.slope, S)))
-    gain = product(half.swapaxes(0, 1), inverse_lower(safe))
+        less, exists = release(predicted, taken, cross)
+        predicted, cross = (jnp.where(exists, a, b) for a, b in ((less.factor, predicted), (less.cross, cross)))
+        taken = jnp.where(exists, less.rest, 0)
     later_mean, later_factor = later
-    mean = wrap(x + times(gain, wrap(later_mean - line.mean, model.joint_angular)), model.joint_angular)
-    pieces = [S - product(gain, line.slope), product(gain, rest), product(gain, later_factor)]
-    factor = tria(jnp.concatenate(pieces, axis=1))
-    if line.deficit.shape[1]:
-        factor, exists = downdate(factor, product(gain, line.deficit))
+    ahead = wrap(later_mean - line.mean, model.joint_angular)
+    along = _solved(predicted, jnp.concatenate([ahead[:, None], later_factor], axis=1))
+    mean = wrap(x + times(cross, along[:, 0]), model.joint_angular)
+    factor = tria(jnp.concatenate([left, product(cross, along[:, 1:])], axis=1))
+    if taken.shape[1]:
+        factor, exists = downdate(factor, taken)
         sound &= exists
     return mean, factor, sound & jnp.isfinite(mean.sum(0) + factor.sum((0, 1)))
 
 
-def _in_domain(model: Model, line: Linearization, Lq: Any) -> tuple[Linearization, Any]:
-    """The linearisation as the filter used it, after the model's domain, and the columns beside the slope."""
-    rest = jnp.concatenate([Lq, line.residual], axis=1)
+def _solved(L: Any, b: Any) -> Any:
+    """L⁻¹ b, where a pivot of 0 belongs to a component known exactly, which takes no part."""
+    known = jnp.stack([L[i, i] <= 0 for i in range(len(L))])
+    solved = solve_lower(L + dense(Diagonal(jnp.where(known, 1, 0).astype(L.dtype))), b)
+    return jnp.where(known[:, None], 0, solved)
+
+
+def _in_domain(model: Model, line: Linearization, Lq: Matrix) -> tuple[Linearization, Matrix]:
+    """The linearisation as the filter used it, after the model's domain, and a factor of what its slope leaves."""
+    L = add(Lq, line.residual) if line.residual.shape[1] else Lq
     function = in_domain(model, line.mean.ndim > 1)
     if function is None:
-        return line, rest
+        return line, L
     mean, derivative = jax.linearize(function, line.mean)
     turn = jax.vmap(derivative, in_axes=1, out_axes=1)
     deficit = turn(line.deficit) if line.deficit.shape[1] else line.deficit
-    return Linearization(wrap(mean, model.joint_angular), turn(line.slope), line.residual, deficit), turn(rest)
+    turned = Linearization(wrap(mean, model.joint_angular), turn(line.slope), line.residual, deficit)
+    return turned, tria(turn(dense(L)))

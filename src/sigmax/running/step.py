@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from sigmax.algebra.arrays import wrap
-from sigmax.algebra.factor import Matrix, add, downdate, tria
+from sigmax.algebra.factor import Matrix, add, downdate, raised, tria
 from sigmax.filters import Filter
 from sigmax.forms import Predicted
 from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise, sensing, sensor_noise
@@ -17,6 +18,9 @@ from sigmax.models.noise import Noise
 from sigmax.rules.linearization import Linearization
 
 LOG_2PI = math.log(2 * math.pi)
+# Units of rounding of its row to which an entry of a factor or a slope is not trusted. What rounding leaves of an
+# exact zero enters a gain as its square against the square of this: an error of 1 / ROUNDING² is left of it.
+ROUNDING = 64.0
 
 
 class Fault(IntEnum):
@@ -57,11 +61,10 @@ _MESSAGES = {
 
 
 class Belief(NamedTuple):
-    """What a filter knows: mean (n, ...), factor (n, n, ...), what the form carries beside it."""
+    """What a filter knows: mean (n, ...) and lower factor of the covariance (n, n, ...)."""
 
     mean: Any
     factor: Any
-    carried: Any
 
 
 class Innovation(NamedTuple):
@@ -82,11 +85,6 @@ class Innovation(NamedTuple):
     dof: Any
 
 
-def begin(filter: Filter, mean: jax.Array, factor: jax.Array) -> Belief:
-    """The belief of a prior given by its factor."""
-    return Belief(mean, factor, filter.form.start(factor))
-
-
 def predict(
     filter: Filter, model: Model, roots: NoiseRoots, belief: Belief, dt: jax.Array, u: jax.Array | None
 ) -> tuple[Belief, jax.Array]:
@@ -94,14 +92,14 @@ def predict(
 
     `roots` are the factors of noises that are given as numbers (`noise_roots(model)`).
     """
-    x, S, _ = belief
+    x, S = belief
     with jax.named_scope("the motion, linearised"):
         line = linearized_motion(filter.predict, model, x, S, dt, u)
     with jax.named_scope("the noise of the motion"):
         Lq, noise_sound = motion_noise(model, roots, x, dt, u)
     with jax.named_scope("the predicted covariance"):
         predicted, widened = _predicted(filter, line, Lq)
-    new = _in_domain(filter, model, Belief(line.mean, predicted.factor, predicted.carried))
+    new = _in_domain(model, Belief(line.mean, predicted.factor))
     with jax.named_scope("is it sound?"):
         fault = _first(
             (~_finite(line.mean, line.slope, line.residual), Fault.MOTION_NOT_FINITE),
@@ -116,7 +114,7 @@ def correct(
     filter: Filter, model: Model, sensor: str, R: Noise, belief: Belief, z: jax.Array, u: jax.Array | None
 ) -> tuple[Belief, Innovation, jax.Array]:
     """The belief after a measurement z (m, ...) of one sensor, NaN in it meaning missing."""
-    x, S, carried = belief
+    x, S = belief
     seen = ~jnp.isnan(z)
     angular = model.measured_angular(sensor, z.shape[0])
     with jax.named_scope("the sensor, linearised"):
@@ -129,11 +127,14 @@ def correct(
         residual=jnp.where(seen[:, None], line.residual, 0),
         deficit=jnp.where(seen[:, None], line.deficit, 0),
     )
+    eps = float(np.finfo(x.dtype).eps)
+    least = ROUNDING * eps * jnp.abs(line.slope).sum(1) + jnp.where(seen, 4 * eps * jnp.abs(line.mean), 0)
+    Lr = raised(Lr, least)
     line, widened = without_deficit(line, Lr)
     with jax.named_scope("the correction"):
-        done = filter.form.correct(S, carried, line, Lr, innovation)
-    moved = Belief(wrap(x + done.shift, model.joint_angular), done.factor, done.carried)
-    new = _in_domain(filter, model, moved)
+        done = filter.form.correct(S, line, Lr, innovation)
+    factor = raised(done.factor, ROUNDING * eps * jnp.abs(S).sum(1))
+    new = _in_domain(model, Belief(wrap(x + done.shift, model.joint_angular), factor))
     diagonal = jnp.stack([done.innovation_factor[i, i] for i in range(z.shape[0])])
     sound = done.sound & (diagonal > 0).all(0) & _finite(new.mean, new.factor)
     fault = _first(
@@ -182,14 +183,14 @@ def without_deficit(line: Linearization, L: Matrix) -> tuple[Linearization, jax.
     return line._replace(deficit=jnp.where(exists, line.deficit, 0)), ~exists
 
 
-def _in_domain(filter: Filter, model: Model, belief: Belief) -> Belief:
+def _in_domain(model: Model, belief: Belief) -> Belief:
     """The belief with the model's domain applied to the mean and, by its derivative, to the factor."""
     function = in_domain(model, belief.mean.ndim > 1)
     if function is None:
         return belief
     mean, derivative = jax.linearize(function, belief.mean)
     factor = tria(jax.vmap(derivative, in_axes=1, out_axes=1)(belief.factor))
-    return begin(filter, wrap(mean, model.joint_angular), factor)
+    return Belief(wrap(mean, model.joint_angular), factor)
 
 
 def _finite(*arrays: jax.Array) -> jax.Array:
