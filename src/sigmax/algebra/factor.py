@@ -181,31 +181,6 @@ def absorb(L: Matrix, A: jax.Array, B: jax.Array) -> Absorbed:
     return Absorbed(_lower(columns), jnp.stack(crosses, axis=1), B)
 
 
-def rotated(A: jax.Array, B: jax.Array) -> Absorbed:
-    """[[I, A], [0, B]] turned to [[factor, 0], [cross, rest]] by rotations, for A (n, m, ...) and B (k, m, ...).
-
-    The same as `absorb` into I, with which rows of A that are large beside 1 lose what they leave to the next:
-    a rotation multiplies it by a cosine, a reflection subtracts.
-    """
-    columns, crosses = [], []
-    for _ in range(A.shape[0]):
-        pivot, below, cross = jnp.ones_like(A[0, 0]), jnp.zeros_like(A[1:, 0]), jnp.zeros_like(B[:, 0])
-        rows, beside = [], []
-        for j in range(A.shape[1]):
-            # The pivot is at least 1.
-            norm = jnp.sqrt(pivot * pivot + A[0, j] * A[0, j])
-            cosine, sine = pivot / norm, A[0, j] / norm
-            rows.append(cosine * A[1:, j] - sine * below)
-            beside.append(cosine * B[:, j] - sine * cross)
-            below = cosine * below + sine * A[1:, j]
-            cross = cosine * cross + sine * B[:, j]
-            pivot = norm
-        columns.append(jnp.concatenate([pivot[None], below]))
-        crosses.append(cross)
-        A, B = jnp.stack(rows, axis=1), jnp.stack(beside, axis=1)
-    return Absorbed(_lower(columns), jnp.stack(crosses, axis=1), B)
-
-
 def add(L: Matrix, A: jax.Array) -> jax.Array:
     """Factor of L Lᵀ + A Aᵀ for a triangle L (n, n, ...) and any columns A (n, k, ...)."""
     return absorb(L, A, A[:0]).factor if A.shape[1] else dense(L)

@@ -3,43 +3,30 @@
 import jax
 
 from sigmax.algebra.arrays import product, times
-from sigmax.algebra.factor import Matrix, add, dense, inverse_lower, rotated, solve_lower
+from sigmax.algebra.factor import Matrix, absorb, add, identity, solve_lower, tria
 from sigmax.forms.form import Corrected, Form
 from sigmax.forms.noise import noise_factor, predict, predict_squared
 from sigmax.rules.linearization import Linearization
 
 
-def sum_of_information(G: jax.Array, rows: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Lower D (n, n, ...) with D Dᵀ = (I + Gᵀ G)⁻¹, and what G (m, n, ...) explains and leaves of `rows` (k, m, ...).
-
-    Returns D, Y with D Yᵀ = (I + Gᵀ G)⁻¹ Gᵀ rowsᵀ, and V with V Vᵀ = rows (I + G Gᵀ)⁻¹ rowsᵀ: a least squares that
-    forms no Gᵀ G and no Gᵀ rowsᵀ, whose rounding would be that of |G|².
-    """
-    # The factor of I + Gᵀ G with rows and columns reversed is upper; the transposed inverse of that is lower.
-    flipped, explained, left = rotated(G.swapaxes(0, 1)[::-1], rows)
-    return inverse_lower(flipped[::-1, ::-1].swapaxes(0, 1)), explained[:, ::-1], left
-
-
-def _correct(
-    S: jax.Array, line: Linearization, weight: Matrix, noise: Matrix, nu: jax.Array, sound: jax.Array
-) -> Corrected:
-    whitening = dense(weight)
-    G, weighted = solve_lower(whitening, line.slope), solve_lower(whitening, nu)
-    D, explained, _ = sum_of_information(G, weighted[None])
-    Sy = add(noise, line.slope)
-    return Corrected(times(S, times(D, explained[0])), product(S, D), solve_lower(Sy, nu), Sy, sound)
-
-
 def _exact(S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
-    """Y⁺ = Y + Aᵀ (R + Ω)⁻¹ A with A = E S⁻¹, equal to the covariance form: S⁺ = S D, G = R̃⁻¹ E."""
-    noise, sound = noise_factor(line, Lr)
-    return _correct(S, line, noise, noise, nu, sound)
+    """Y⁺ = Y + Aᵀ (R + Ω)⁻¹ A with A = E S⁻¹: S⁺ = S D, D Dᵀ = (I + Eᵀ (R + Ω)⁻¹ E)⁻¹.
+
+    D is what the reflections leave of I in [[R̃, E], [0, I]] → [[S_y, 0], [W, T]]: neither Y nor R̃ is inverted,
+    and a component known exactly, whose information is infinite, is one like any other.
+    """
+    Lr, sound = noise_factor(line, Lr)
+    Sy, gain, rest = absorb(Lr, line.slope, identity(S))
+    whitened = solve_lower(Sy, nu)
+    return Corrected(times(S, times(gain, whitened)), product(S, tria(rest)), whitened, Sy, sound)
 
 
 def _paper(S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
     """Y⁺ = Y + Aᵀ R⁻¹ A as printed by Zhang et al.: Ω is dropped, so the filter is overconfident."""
     noise, sound = noise_factor(line, Lr)
-    return _correct(S, line, Lr, noise, nu, sound)
+    done = _exact(S, line._replace(residual=line.residual[:, :0], deficit=line.deficit[:, :0]), Lr, nu)
+    Sy = add(noise, line.slope)
+    return done._replace(whitened=solve_lower(Sy, nu), innovation_factor=Sy, sound=sound)
 
 
 information = {

@@ -18,9 +18,9 @@ import jax
 import jax.numpy as jnp
 
 from sigmax.algebra.arrays import product, times
-from sigmax.algebra.factor import Matrix, absorb, add, dense, identity, solve_lower, tria
+from sigmax.algebra.factor import Matrix, absorb, add, identity, solve_lower, tria
 from sigmax.forms.form import Corrected, Form
-from sigmax.forms.information import information, sum_of_information
+from sigmax.forms.information import information
 from sigmax.forms.noise import noise_factor, predict_squared
 from sigmax.forms.square_root import covariance
 from sigmax.rules.linearization import Linearization
@@ -52,10 +52,14 @@ Blocks = tuple[jax.Array, jax.Array]  # V L₂ and L₁
 Update = Callable[[Blocks, tuple[jax.Array, jax.Array], Linearization, Matrix, jax.Array], Stages]
 
 
-def _gains(
+def _exact(
     blocks: Blocks, slopes: tuple[jax.Array, jax.Array], line: Linearization, Lr: Matrix, nu: jax.Array
 ) -> Stages:
-    """Two gains: K₁ = P₁ Hᵀ S₁⁻¹ of the state where the bias is known, K₂ = P₂ Nᵀ P_zz⁻¹ of the bias."""
+    """Two gains, K₁ = P₁ Hᵀ S₁⁻¹ of the state where the bias is known, K₂ = P₂ Nᵀ P_zz⁻¹ of the bias.
+
+    D₁ and D₂ are what reflections leave of I in each stage: I − E₁ᵀ (S₁ S₁ᵀ)⁻¹ E₁ = (I + E₁ᵀ (R + Ω)⁻¹ E₁)⁻¹, the sum
+    of information of the stage, without a difference or an inverse.
+    """
     C, L1 = blocks
     E2, E1 = slopes
     noise, sound = noise_factor(line, Lr)
@@ -70,42 +74,14 @@ def _gains(
     return Stages(C - gained(E2), tria(rest2), tria(rest1), shift, whitened, Sy, sound)
 
 
-def _weighted(
-    exact: bool,
-    blocks: Blocks,
-    slopes: tuple[jax.Array, jax.Array],
-    line: Linearization,
-    Lr: Matrix,
-    nu: jax.Array,
-) -> Stages:
-    """Sums of information in the stages' own units: J₁₁ = I + E₁ᵀ W E₁ and so on, no information vector.
-
-    What the state does not explain of the bias's columns and of the innovation is left to the bias as a root:
-    J₂₂ − J₁₂ᵀ J₁₁⁻¹ J₁₂ would be a difference.
-    """
-    C, L1 = blocks
-    E2, E1 = slopes
-    noise, sound = noise_factor(line, Lr)
-    Sy = add(noise, line.slope)
-    whitening = dense(noise if exact else Lr)
-    G1, G2, weighted = (solve_lower(whitening, a) for a in (E1, E2, nu))
-    D1, explained, left = sum_of_information(G1, jnp.concatenate([weighted[None], G2.swapaxes(0, 1)]))
-    K = product(D1, explained[1:].swapaxes(0, 1))
-    D2, explained_bias, _ = sum_of_information(left[1:].swapaxes(0, 1), left[:1])
-    shift = times(D2, explained_bias[0]), times(L1, times(D1, explained[0]))
-    return Stages(C - product(L1, K), D2, D1, shift, solve_lower(Sy, nu), Sy, sound)
-
-
-def _exact(
-    blocks: Blocks, slopes: tuple[jax.Array, jax.Array], line: Linearization, Lr: Matrix, nu: jax.Array
-) -> Stages:
-    return _weighted(True, blocks, slopes, line, Lr, nu)
-
-
 def _paper(
     blocks: Blocks, slopes: tuple[jax.Array, jax.Array], line: Linearization, Lr: Matrix, nu: jax.Array
 ) -> Stages:
-    return _weighted(False, blocks, slopes, line, Lr, nu)
+    """The same with R in place of R + Ω, as printed."""
+    noise, sound = noise_factor(line, Lr)
+    done = _exact(blocks, slopes, line._replace(residual=line.residual[:, :0], deficit=line.deficit[:, :0]), Lr, nu)
+    Sy = add(noise, line.slope)
+    return done._replace(whitened=solve_lower(Sy, nu), innovation_factor=Sy, sound=sound)
 
 
 def _correct(update: Update, p: int, S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
@@ -129,7 +105,7 @@ def _staged(name: str, update: Update, alone: Form, biases: int) -> Form:
 
 # Functions with a name, not partial ones: a form is equal to its copy out of a pickle.
 def _gains_on(biases: int) -> Form:
-    return _staged("two stages", _gains, covariance, biases)
+    return _staged("two stages", _exact, covariance, biases)
 
 
 def _exact_on(biases: int) -> Form:

@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import TWO_PI, inner, times, wrap
-from sigmax.algebra.factor import cholesky, dense, inverse_lower, solve_lower
+from sigmax.algebra.arrays import TWO_PI, inner, product, times, wrap
+from sigmax.algebra.factor import absorb as reflect
+from sigmax.algebra.factor import cholesky, dense, identity, inverse_lower, solve_lower, tria
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
-from sigmax.forms.information import sum_of_information
 from sigmax.models.checks import finite, numbers
 from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused
@@ -119,7 +119,7 @@ def absorb(live: Live, contributions: Iterable[Contribution], *, u: Any = None) 
     if model.fusion is None or not all(block.given for block in model.fusion):
         raise InputError("contributions of measurements need a filter on sigmax.fused(model, messages=True)")
     check_inputs(model, u)
-    return live.update_together(_gathered(model, given, u))
+    return live.update_together(_reflect(model, given, u))
 
 
 def _each_once(contributions: Iterable[Contribution]) -> list[Contribution]:
@@ -142,7 +142,7 @@ def _alone(live: Live) -> Live:
     return live
 
 
-def _gathered(model: Model, given: list[Contribution], u: Any) -> Fused:
+def _reflect(model: Model, given: list[Contribution], u: Any) -> Fused:
     """The sums of information of each block as one measurement with its covariance."""
     parts, noises = [], [] if u is None else [np.asarray(u, float)]
     disagreement, merged, volume = np.zeros(3)
@@ -209,6 +209,6 @@ def _into_state(live: Live, given: list[Contribution]) -> None:
 def _summed(x: Any, S: Any, vector: Any, matrix: Any) -> tuple[Any, Any, Any]:
     """Y⁺ = Y + I and y⁺ = y + i, in units of S."""
     root, sound = cholesky(matrix)
-    D, *_ = sum_of_information(inner(root, S), jnp.zeros_like(S[:0]))
-    factor = S @ D
+    _, _, rest = reflect(identity(root), inner(root, S), identity(S))
+    factor = product(S, tria(rest))
     return x + times(factor, times(factor.swapaxes(0, 1), vector)), factor, sound

@@ -52,8 +52,9 @@ def _back(
     line = linearized_motion(filter.predict, model, x, S, dt, u)
     Lq, sound = motion_noise(model, noise, x, dt, u)
     line, L = _in_domain(model, line, Lq)
-    # Rounding counts as noise: a row of E and S is not smaller than its last digits, whatever cancels in it.
-    L = raised(L, ROUNDING * float(np.finfo(x.dtype).eps) * (jnp.abs(line.slope).sum(1) + jnp.abs(S).sum(1)))
+    # Rounding counts as noise: neither a row of E and S nor the mean is better than its last digits.
+    rows = jnp.abs(line.slope).sum(1) + jnp.abs(S).sum(1)
+    L = raised(L, float(np.finfo(x.dtype).eps) * (ROUNDING * rows + 4 * jnp.abs(line.mean)))
     predicted, cross, left = absorb(L, line.slope, S)
     taken = line.deficit
     if taken.shape[1]:
