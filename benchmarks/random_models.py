@@ -1,9 +1,13 @@
 """Random linear models against a Kalman filter in extended precision: how many answers are wrong and not flagged.
 
-`python benchmarks/random_models.py --models 1000000 --seed 7` draws models by the seed and runs every form of the filter
-and its smoother over them. It prints a table and adds what is done to `--out`, so that a run which is stopped goes on
-where it was. A model is silent if, before any fault, a mean is off by 1e-3 of the exact deviation or a deviation by
-1e-3 of itself; it is flagged if it has a fault. It needs a C compiler whose `long double` is longer than a double.
+`python benchmarks/random_models.py --models 1000000 --seed 7` draws models by the seed and runs every form of the
+filter and its smoother over them. It prints a table, and adds what is done to `--out`, so that a run which was stopped
+goes on where it was. A model is *silent* if, before any fault, a mean is off by 1e-3 of the
+exact deviation or a deviation by 1e-3 of itself; it is *flagged* if it has a fault. Models whose exact answer moves by
+1e-6 of a deviation when their numbers move in the last bit are counted apart, as *beyond double precision*: there the
+answer of any algorithm is one to a model next to the one it was given.
+
+It needs a C compiler whose `long double` is longer than a double.
 """
 
 import argparse
@@ -11,17 +15,16 @@ import ctypes
 import json
 import subprocess
 import tempfile
-import time
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
-from rich.progress import track
+from rich.progress import Progress
+from rich.table import Table
 
-import sigmax
+from linear_models import Models, Shape, draw, run_form
 from sigmax import forms
 
 FORMS = {
@@ -33,180 +36,19 @@ FORMS = {
     "two stages": forms.two_stage["covariance"],
     "two stages, information": forms.two_stage["exact"],
 }
-STEPS = 12
-TOO_MUCH = 1e-3
-
-
-class Shape(NamedTuple):
-    """Components of the state, of each sensor and of the bias; models of one shape share their compiled steps."""
-
-    n: int
-    sensors: tuple[int, ...]
-    p: int
-
-    @property
-    def names(self) -> list[str]:
-        """Of the sensors."""
-        return [f"s{i}" for i in range(len(self.sensors))]
-
-    @property
-    def m(self) -> int:
-        """Components of all sensors."""
-        return sum(self.sensors)
-
-
-# The larger, the fewer: a chunk of each in turn.
 SHAPES = [
-    Shape(1, (1,), 0), Shape(2, (1,), 1), Shape(3, (2,), 0), Shape(3, (2, 1), 2), Shape(4, (2,), 0), Shape(2, (1, 1), 0),
-    Shape(4, (3, 1), 1), Shape(5, (3,), 0), Shape(6, (2, 2), 2), Shape(6, (6,), 0), Shape(7, (4,), 0), Shape(8, (1,), 1),
-    Shape(9, (5,), 0), Shape(10, (2, 3), 2), Shape(11, (3,), 0), Shape(12, (6,), 0), Shape(12, (4, 2), 1),
+    Shape(1, (1,), 0), Shape(2, (1,), 1), Shape(3, (2,), 0), Shape(3, (2, 1), 2), Shape(4, (2,), 0),
+    Shape(2, (1, 1), 0), Shape(4, (3, 1), 1), Shape(5, (3,), 0), Shape(6, (2, 2), 2), Shape(6, (6,), 0),
+    Shape(7, (4,), 0), Shape(8, (1,), 1), Shape(9, (5,), 0), Shape(10, (2, 3), 2), Shape(11, (3,), 0),
+    Shape(12, (6,), 0), Shape(12, (4, 2), 1),
 ]  # fmt: skip
+TOO_MUCH = 1e-3
+POSED = 1e-6
 
 
-class Models(NamedTuple):
-    """Models of one shape, the models first; matrices of state and bias together, the state first.
-
-    Attributes:
-        mean, cov: the priors (B, N), (B, N, N).
-        dt: (B, T).
-        F, Q: of each step (B, T, N, N), Q over the step.
-        H, R: (B, T, m, N), (B, T, m, m).
-        z: (B, T, m), NaN where missing.
-    """
-
-    mean: np.ndarray
-    cov: np.ndarray
-    dt: np.ndarray
-    F: np.ndarray
-    Q: np.ndarray
-    H: np.ndarray
-    R: np.ndarray
-    z: np.ndarray
-
-
-def covariances(rng, count, n, decades):
-    """Covariances (*count, n, n) of largest variance 1 and of a condition to 10^decades, (*count), with their roots."""
-    turn = np.linalg.qr(rng.standard_normal((*count, n, n)))[0]
-    exponents = rng.uniform(0, 1, (*count, n))
-    low, high = exponents.min(-1, keepdims=True), exponents.max(-1, keepdims=True)
-    deviations = 10 ** (-decades[..., None] / 2 * (exponents - low) / np.where(high > low, high - low, 1))
-    root = turn * deviations[..., None, :]
-    P = root @ root.swapaxes(-1, -2)
-    return (P + P.swapaxes(-1, -2)) / 2, root
-
-
-def motion_noise(rng, count, n):
-    """Covariances (B, T, n, n) and roots; a tenth of the models have none, a tenth one of fewer columns."""
-    Q, root = covariances(rng, count, n, rng.uniform(0, 10, count))
-    scale = 10 ** rng.uniform(-3, 0, (count[0], 1, 1, 1))
-    # Whole numbers, so that what is deficient is so to the last digit.
-    few = np.zeros((*count, n, n))
-    few[..., : n // 2] = rng.integers(-2, 3, (*count, n, n // 2))
-    kind = rng.uniform(size=(count[0], 1, 1, 1))
-    root = np.where(kind < 0.1, 0, np.where(kind < 0.2, few, root))
-    Q = np.where(kind < 0.1, 0, np.where(kind < 0.2, few @ few.swapaxes(-1, -2), Q))
-    return Q * scale**2, root * scale
-
-
-def draw(shape: Shape, count: int, rng: np.random.Generator) -> Models:
-    """Models and measurements that they could have made."""
-    n, p, m, T = shape.n, shape.p, shape.m, STEPS
-    N, steps = n + p, (count, T)
-    dt = np.where(rng.uniform(size=steps) < 0.1, 0.0, rng.exponential(size=steps))
-    F = np.zeros((*steps, N, N)) + np.eye(N)
-    F[..., :n, :] += dt[..., None, None] * rng.standard_normal((*steps, n, N)) / np.sqrt(N) / 2
-    Q, root = np.zeros((*steps, N, N)), np.zeros((*steps, N, N))
-    for at in (slice(0, n), slice(n, N)):
-        if at.stop > at.start:
-            Q[..., at, at], root[..., at, at] = motion_noise(rng, steps, at.stop - at.start)
-    Q, root = Q * dt[..., None, None], root * np.sqrt(dt)[..., None, None]
-    tilt = covariances(rng, steps, max(m, N), rng.uniform(0, 5, (count, 1)) * np.ones(steps))[1]
-    H = tilt[..., :m, :N] * 10 ** rng.uniform(-1, 1, (count, 1, 1, 1))
-    R = np.zeros((*steps, m, m))
-    noise, at = np.zeros((*steps, m)), 0
-    for size in shape.sensors:
-        part = slice(at, at + size)
-        R[..., part, part], own = covariances(rng, steps, size, rng.uniform(0, 10, (count, 1)) * np.ones(steps))
-        noise[..., part] = (own @ rng.standard_normal((*steps, size, 1)))[..., 0]
-        at += size
-    # Deviations to 1e8, that is variances to 1e16.
-    cov, prior = np.zeros((count, N, N)), np.zeros((count, N, N))
-    for at, most in ((slice(0, n), 8), (slice(n, N), 4)):
-        if at.stop > at.start:
-            size = at.stop - at.start
-            own = 10 ** (rng.uniform(-2, most, (count, 1)) - rng.uniform(0, 1, (count, size)))
-            P, S = covariances(rng, (count,), size, rng.uniform(0, 10, count))
-            cov[:, at, at], prior[:, at, at] = P * own[:, :, None] * own[:, None], S * own[:, :, None]
-    mean = rng.standard_normal((count, N)) * 10 ** rng.uniform(-2, 4, (count, 1))
-    x = mean + (prior @ rng.standard_normal((count, N, 1)))[..., 0]
-    z = np.zeros((*steps, m))
-    for k in range(T):
-        x = (F[:, k] @ x[..., None] + root[:, k] @ rng.standard_normal((count, N, 1)))[..., 0]
-        z[:, k] = (H[:, k] @ x[..., None])[..., 0] + noise[:, k]
-    z[rng.uniform(size=z.shape) < 0.1] = np.nan
-    return Models(mean, cov, dt, F, Q, H, R, z)
-
-
-@cache
-def functions(shape: Shape) -> tuple[dict, dict]:
-    """The parts of a model, and of its bias, whose matrices are inputs: F, Q, H and R by sensor, then those of the bias."""
-    n, p, k = shape.n, shape.p, len(shape.sensors)
-    shapes = [(n, n), (n, n), *[(m, n) for m in shape.sensors], *[(m, m) for m in shape.sensors]]
-    shapes += [(n, p), (p, p), *[(m, p) for m in shape.sensors]]
-    bounds = np.cumsum([0, *(rows * columns for rows, columns in shapes)])
-
-    def part(u, i):
-        return u[bounds[i] : bounds[i + 1]].reshape(shapes[i])
-
-    named = list(enumerate(shape.names))
-    model = {
-        "motion": lambda x, dt, u: part(u, 0) @ x,
-        "Q": lambda x, dt, u: part(u, 1),
-        "sensor": {s: lambda x, u, i=i: part(u, 2 + i) @ x for i, s in named},
-        "R": {s: lambda x, u, i=i: part(u, 2 + k + i) for i, s in named},
-        "state": [f"x{i}" for i in range(n)],
-        "measurement": {s: [f"{s}_{i}" for i in range(shape.sensors[j])] for j, s in named},
-    }
-    bias = {
-        "motion": lambda x, dt, u: part(u, 2 + 2 * k),
-        "Q": lambda x, dt, u: part(u, 3 + 2 * k),
-        "sensor": {s: lambda x, u, i=i: part(u, 4 + 2 * k + i) for i, s in named},
-    }
-    return model, bias
-
-
-def by_sensor(shape: Shape, a: np.ndarray, axis: int) -> list[np.ndarray]:
-    return np.split(a, np.cumsum(shape.sensors)[:-1], axis)
-
-
-def run_form(form: forms.Form, shape: Shape, models: Models) -> dict[str, tuple[np.ndarray, ...]]:
-    """Means and deviations (B, T, N) of a filter of this form and of its smoother, and the faults (B, T) of each."""
-    n, own, offsets = shape.n, slice(0, shape.n), slice(shape.n, None)
-    parts, of_bias = functions(shape)
-    bias = None
-    if shape.p:
-        prior = sigmax.Gaussian(models.mean[:, offsets], models.cov[:, offsets, offsets])
-        bias = sigmax.Bias(prior=prior, **of_bias)
-    model = sigmax.Model(**parts, bias=bias)
-    H, R = by_sensor(shape, models.H, 2), by_sensor(shape, models.R, 2)
-    places = by_sensor(shape, np.arange(shape.m), 0)
-    blocks = [models.F[..., :n, :n], models.Q[..., :n, :n], *(h[..., :n] for h in H)]
-    blocks += [r[..., at] for r, at in zip(R, places, strict=True)]
-    blocks += [models.F[..., :n, n:], models.Q[..., n:, n:], *(h[..., n:] for h in H)]
-    inputs = np.concatenate([b.reshape(*b.shape[:2], -1) for b in blocks], axis=-1)
-    z = dict(zip(shape.names, by_sensor(shape, models.z, 2), strict=True))
-    filter = sigmax.Filter(sigmax.Taylor1(), sigmax.Taylor1(), form)
-    prior = sigmax.Gaussian(models.mean[:, own], models.cov[:, own, own])
-    given = {"dt": models.dt, "inputs": inputs}
-    result = sigmax.run(filter, model, prior, z, keep=("mean", "factor", "fault"), **given)
-    smoothed = sigmax.smooth(filter, model, result, **given)
-    told = {}
-    for what, e in (("filter", result), ("smoother", smoothed)):
-        mean, std = e.mean, e.std
-        if shape.p:
-            mean, std = np.concatenate([mean, e.bias_mean], -1), np.concatenate([std, e.bias_std], -1)
-        told[what] = mean, std, e.fault
-    return told
+def chunk(shape: Shape) -> int:
+    """How many models of a shape are run at once: the larger, the fewer."""
+    return 4000 if shape.n <= 4 else 1000 if shape.n <= 8 else 250
 
 
 @cache
@@ -230,8 +72,18 @@ def exact(models: Models) -> np.ndarray:
     return out
 
 
+def moved(models: Models, rng: np.random.Generator) -> Models:
+    """The same with every number of F, H, z and the mean moved by half a unit in its last place, up or down."""
+
+    def last_bit(a: np.ndarray) -> np.ndarray:
+        return a * (1 + rng.choice([-1, 1], a.shape) * np.finfo(float).eps / 2)
+
+    changed = {name: last_bit(getattr(models, name)) for name in ("mean", "F", "H", "z")}
+    return models._replace(**changed)
+
+
 class Count(NamedTuple):
-    """Of one form: models, those silently wrong, those flagged, and the worst error of those not flagged."""
+    """Of one form: models, those silently wrong, those flagged, and the worst error before a fault."""
 
     models: int = 0
     silent: int = 0
@@ -242,26 +94,89 @@ class Count(NamedTuple):
         return Count(*(a + b for a, b in zip(self[:3], other[:3], strict=True)), max(self.worst, other.worst))
 
 
-def errors(told: tuple[np.ndarray, ...], truth: np.ndarray) -> np.ndarray:
-    """The largest error of each model and step (B, T), in deviations and of them."""
-    mean, std, _ = told
+def errors(mean: np.ndarray, std: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """The largest error of each model and step (B, T), in exact deviations and of them."""
     sd = truth[:, :, 1]
     off = np.maximum(np.abs(mean - truth[:, :, 0]) / sd, np.abs(std / sd - 1)).max(-1)
     return np.where(np.isfinite(off), off, np.inf).astype(float)
 
 
-def score(shape: Shape, models: Models) -> dict[tuple[str, str], Count]:
-    """Counts by form and by "filter" or "smoother"."""
-    truth, counts = exact(models), {}
+def posed(models: Models, truth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Whether the exact answer to each model (B) is determined by its digits."""
+    holds = np.ones(len(truth), bool)
+    for _ in range(2):
+        near = exact(moved(models, rng))
+        for i in range(2):
+            holds &= errors(near[:, i, :, 0], near[:, i, :, 1], truth[:, i]).max(1) < POSED
+    return holds
+
+
+def score(shape: Shape, count: int, rng: np.random.Generator) -> dict[str, Count]:
+    """Counts over models drawn, by "form, filter or smoother, within or beyond"."""
+    models = draw(shape, count, rng)
+    truth = exact(models)
+    within = posed(models, truth, rng)
+    counts = {}
     for name, form in FORMS.items():
         if form.biased is not None and not shape.p:
             continue  # without a bias there is one stage
         told = run_form(form, shape, models)
         failed = told["filter"][2] != 0
-        before = np.cumsum(failed, axis=1) == 0
-        for i, what in enumerate(told):
-            off, bad = errors(told[what], truth[:, i]), failed.any(1) | (told[what][2] != 0).any(1)
-            # A smoothed step has seen all later ones.
-            off = np.where(before if what == "filter" else ~bad[:, None], off, 0).max(1)
-            counts[name, what] = Count(len(off), int((off > TOO_MUCH).sum()), int(bad.sum()), float(off.max()))
+        bad = failed.any(1)
+        for i, (what, (mean, std, fault)) in enumerate(told.items()):
+            flagged = bad | (fault != 0).any(1)
+            # A filtered step has seen the steps before it, a smoothed one all.
+            sound = np.cumsum(failed, axis=1) == 0 if what == "filter" else ~flagged[:, None]
+            off = np.where(sound, errors(mean, std, truth[:, i]), 0).max(1)
+            for where, own in (("within", within), ("beyond", ~within)):
+                silent = (off[own] > TOO_MUCH).sum()
+                counted = Count(int(own.sum()), int(silent), int(flagged[own].sum()), float(off[own].max(initial=0)))
+                counts[f"{name}; {what}; {where}"] = counted
     return counts
+
+
+def table(counts: dict[str, Count]) -> Table:
+    """The counts, a row for each form of filter and smoother."""
+    shown = Table("form", "of", "models", "silent", "flagged", "worst error", "beyond double", "silent", "flagged")
+    for key in counts:
+        name, what, where = key.split("; ")
+        if where == "within":
+            c, beyond = counts[key], counts[f"{name}; {what}; beyond"]
+            numbers = [c.models, c.silent, c.flagged, f"{c.worst:.1e}", beyond.models, beyond.silent, beyond.flagged]
+            shown.add_row(name, what, *map(str, numbers))
+    return shown
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--models", type=int, default=10_000, help="so many in all, with what is there already")
+    parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--out", type=Path, default=Path("random_models.jsonl"), help="what is done, a chunk a line")
+    given = parser.parse_args()
+    done = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
+    done = [d for d in done if d["seed"] == given.seed]
+    there, total, at = {d["chunk"] for d in done}, sum(d["models"] for d in done), 0
+    with Progress(console=Console(stderr=True)) as progress:
+        task = progress.add_task("models", total=given.models, completed=total)
+        while total < given.models:
+            if at not in there:
+                shape = SHAPES[at % len(SHAPES)]
+                size = min(chunk(shape), given.models - total)
+                counts = score(shape, size, np.random.default_rng([given.seed, at]))
+                done.append({"seed": given.seed, "chunk": at, "shape": shape, "models": size, "counts": counts})
+                with given.out.open("a") as file:
+                    file.write(json.dumps(done[-1]) + "\n")
+                total += size
+                progress.update(task, completed=total)
+            at += 1
+    counts: dict[str, Count] = {}
+    for d in done:
+        for key, value in d["counts"].items():
+            counts[key] = counts.get(key, Count()) + Count(*value)
+    console = Console(width=120)
+    console.print(f"{total} models of seed {given.seed}, {len(SHAPES)} shapes, 12 steps")
+    console.print(table(counts))
+
+
+if __name__ == "__main__":
+    main()

@@ -77,7 +77,7 @@ class RowSteps:
             return np.empty((0, self.packing.size), self.dtype)
 
         def xla() -> np.ndarray:
-            belief = begun(self.filter, _padded(mean).T, np.moveaxis(_padded(cov), 0, -1))
+            belief = begun(_padded(mean).T, np.moveaxis(_padded(cov), 0, -1))
             return self.packing.packed(belief)[: len(mean)]
 
         return attempt(
