@@ -7,6 +7,7 @@ import mpmath
 import numpy as np
 
 import sigmax
+from sigmax.forms import Corrected, Form, Predicted
 
 mpmath.mp.dps = 50
 DT = 0.7
@@ -103,6 +104,52 @@ def turning_record(steps=6, seed=1):
         x = np.asarray(turning_motion(jnp.asarray(x), DT, jnp.zeros(1)))
         z.append(np.asarray(turning_sensor(jnp.asarray(x), jnp.zeros(1))) + rng.standard_normal(2) * [0.14, 0.22])
     return np.array(z)
+
+
+APART = sigmax.Model(
+    motion=turning_motion,
+    sensor={"antenna": lambda x, u: turning_sensor(x, u)[:1], "ruler": lambda x, u: turning_sensor(x, u)[1:]},
+    Q=TURNING.Q,
+    R={"antenna": [0.02], "ruler": [0.05]},
+    state=TURNING.state,
+    measurement={"antenna": [sigmax.angle("azimuth")], "ruler": ["distance"]},
+    bias=sigmax.Bias(
+        prior=sigmax.Gaussian([0.1, -0.05], np.array([[0.04, 0.01], [0.01, 0.02]])),
+        motion=np.array([[0.3, -0.1], [0.0, 0.2], [0.1, 0.0]]),
+        sensor={"antenna": np.array([[1.0, 0.0]]), "ruler": np.array([[0.2, 1.0]])},
+        Q=[2e-3, 1e-3],
+    ),
+)
+
+
+def textbook(bias_first):
+    """The covariance form by its textbook equations, in products, an inverse and a difference of matrices."""
+
+    def laid(a):
+        return jnp.moveaxis(a, (0, 1), (-2, -1))
+
+    def noise(L):
+        return jnp.eye(len(L.entries)) * L.entries.T[..., None, :] if hasattr(L, "entries") else laid(L)
+
+    def spread(line, L):
+        columns = [(laid(line.slope), 1), (laid(line.residual), 1), (laid(line.deficit), -1), (noise(L), 1)]
+        return sum(sign * a @ a.swapaxes(-1, -2) for a, sign in columns if a.shape[-1])
+
+    def factor(P):
+        return jnp.moveaxis(jnp.linalg.cholesky(P), (-2, -1), (0, 1))
+
+    def predict(line, Lq):
+        return Predicted(factor(spread(line, Lq)), jnp.ones(line.mean.shape[1:], bool))
+
+    def correct(S, line, Lr, nu):
+        Pyy, S, nu = spread(line, Lr), laid(S), jnp.moveaxis(nu, 0, -1)[..., None]
+        K = S @ laid(line.slope).swapaxes(-1, -2) @ jnp.linalg.inv(Pyy)
+        root = jnp.linalg.cholesky(Pyy)
+        P = S @ S.swapaxes(-1, -2) - K @ Pyy @ K.swapaxes(-1, -2)
+        shift, white = (jnp.moveaxis(a[..., 0], -1, 0) for a in (K @ nu, jnp.linalg.inv(root) @ nu))
+        return Corrected(shift, factor(P), white, factor(Pyy), jnp.ones(line.mean.shape[1:], bool))
+
+    return Form("textbook", predict, correct, bias_first=bias_first)
 
 
 def scaled_gap(a, b):

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 import sigmax
-from sigmax.forms import covariance, information
-from tests.laws.problems import DT, TURNING, TURNING_PRIOR, made, scaled_gap, turning_record
+from sigmax.forms import information
+from tests.laws.problems import APART, DT, TURNING, TURNING_PRIOR, made, scaled_gap, textbook, turning_record
 
 TURNS = np.array([0.0, 2.9, -40.0])
 MEAN, COV = TURNING_PRIOR
 
 
 @cache
-def turned(filter):
+def turned(filter, backend=None):
     """Four tracks in one run: as it is, turned by two angles, and with measurements missing."""
     z = turning_record()
     holes = z.copy()
@@ -23,7 +23,7 @@ def turned(filter):
     records = np.array([z + np.array([t, 0]) for t in TURNS] + [holes])
     starts = np.array([MEAN + np.array([t, 0, 0]) for t in TURNS] + [MEAN])
     inputs = np.array([np.full((len(z), 1), t) for t in (*TURNS, 0.0)])
-    return sigmax.run(filter, TURNING, sigmax.Gaussian(starts, COV), records, dt=DT, inputs=inputs)
+    return sigmax.run(filter, TURNING, sigmax.Gaussian(starts, COV), records, dt=DT, inputs=inputs, backend=backend)
 
 
 def track(result, i):
@@ -43,14 +43,41 @@ def test_turning_every_angle_turns_the_answer(name):
         assert np.allclose(got.nis[i], got.nis[0], rtol=1e-9)
 
 
+@cache
+def by_the_book(predict, correct):
+    """The same four tracks by the textbook's equations."""
+    return turned(sigmax.Filter(predict, correct, textbook(False)), "xla")
+
+
 @pytest.mark.parametrize("name", sigmax.names()[1:])
 def test_every_form_is_the_covariance_form(name):
-    """The exact information form, both square roots and the covariance form of one pair of rules agree."""
+    """Whatever is turned, taken in two or added as information: P = E Eᵀ + Q, K = P_xy P_yy⁻¹ and P − K P_yy Kᵀ."""
     filter = made(name)
-    same = sigmax.Filter(filter.predict, filter.correct, covariance)
-    off_mean, off_cov = scaled_gap(turned(filter), turned(same))
+    off_mean, off_cov = scaled_gap(turned(filter), by_the_book(filter.predict, filter.correct))
     assert off_mean < 1e-10
     assert off_cov < 1e-10
+
+
+@pytest.mark.parametrize(
+    "name", ["UKF", "SRCKF", "SRUKFB", "CIF", "SRHCIF", "TSEKF", "TSCKF", "TSCIF", "TSHCIF", "MTSCKF", "MTSCIF"]
+)
+def test_every_form_is_the_covariance_form_with_a_bias_and_two_sensors(name):
+    filter = made(name)
+    z = turning_record()
+    z[2, 0] = z[3, 1] = np.nan
+    record = {"antenna": z[:, :1], "ruler": z[:, 1:]}
+    same = sigmax.Filter(filter.predict, filter.correct, textbook(filter.form.bias_first))
+    got, want = (
+        sigmax.run(f, APART, sigmax.Gaussian(MEAN, COV), record, dt=DT, inputs=np.zeros((6, 1)), backend=backend)
+        for f, backend in ((filter, None), (same, "xla"))
+    )
+    assert got.ok.all()
+    off_mean, off_cov = scaled_gap(got, want)
+    assert off_mean < 1e-10
+    assert off_cov < 1e-10
+    assert np.abs((got.bias_mean - want.bias_mean) / want.bias_std).max() < 1e-10
+    assert np.allclose(got.bias_cov, want.bias_cov, rtol=1e-8, atol=0)
+    assert np.allclose(got.nis, want.nis, rtol=1e-9)
 
 
 def test_the_information_form_as_printed_is_overconfident():
