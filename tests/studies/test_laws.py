@@ -1,5 +1,7 @@
 """What a study must give whatever is studied: known answers, and the same bits however the work is dealt out."""
 
+import io
+
 import numpy as np
 import pytest
 
@@ -143,13 +145,107 @@ def test_a_study_that_was_stopped_goes_on_with_the_same_bits(tmp_path, monkeypat
     assert same(went_on, whole)
     assert np.array_equal(went_on.optimum.measures.rmse.value, whole.optimum.measures.rmse.value)
     np.testing.assert_array_equal(went_on.bound, whole.bound)
-    # Of another study, or damaged, they are not used.
-    other = sigmax.compare(scalar(prior=sigmax.Gaussian([1.0], [[0.6]])), runs=500, folder=tmp_path)
-    assert other.measures["EKF"].runs == 500
-    (tmp_path / "sums.npz").write_bytes(b"no")
-    assert same(
-        sigmax.compare(study, runs=300, particles=0, folder=tmp_path), sigmax.compare(study, runs=300, particles=0)
+    # Fewer runs of it are made anew, and so is the optimum of fewer of them.
+    assert same(sigmax.compare(study, runs=300, folder=tmp_path), sigmax.compare(study, runs=300))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A study that is done, what it found, and the sums that it left."""
+    study, folder = scalar(particles=8, optimum_runs=64), tmp_path_factory.mktemp("finished")
+    found = sigmax.compare(study, runs=512, folder=folder)
+    return study, found, (folder / "sums.npz").read_bytes()
+
+
+def rewritten(content, change):
+    """An archive with one of its arrays changed."""
+    with np.load(io.BytesIO(content)) as file:
+        arrays = {name: file[name] for name in file.files}
+    change(arrays)
+    into = io.BytesIO()
+    np.savez(into, **arrays)
+    return into.getvalue()
+
+
+def wrong(name, value):
+    return lambda arrays: arrays.update({name: value})
+
+
+DAMAGES = {
+    "text": lambda content: b"no",
+    "nothing": lambda content: b"",
+    "zeros": lambda content: bytes(len(content)),
+    "cut short": lambda content: content[: len(content) // 2],
+    "its end is lost": lambda content: content[:-30],
+    "a byte has turned": lambda content: content[:5000] + bytes([content[5000] ^ 255]) + content[5001:],
+    "an array is lost": lambda content: rewritten(content, lambda arrays: arrays.pop("all/EKF/ee")),
+    "a filter is lost": lambda content: rewritten(
+        content, lambda arrays: [arrays.pop(k) for k in list(arrays) if k.startswith("all/EKF/")]
+    ),
+    "another shape": lambda content: rewritten(content, wrong("all/EKF/ee", np.zeros((3, 2, 2)))),
+    "another type": lambda content: rewritten(content, wrong("all/EKF/e", np.array(["a"] * 6)[:, None])),
+    "other runs": lambda content: rewritten(content, wrong("all/EKF/runs", np.array(300))),
+    "an object": lambda content: rewritten(content, wrong("all/EKF/runs", np.array([{}], object))),
+    "about is no JSON": lambda content: rewritten(content, wrong("about", np.array("{"))),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damaged_sums_are_told_and_made_anew(finished, damage, tmp_path):
+    study, found, content = finished
+    (tmp_path / "sums.npz").write_bytes(DAMAGES[damage](content))
+    again = sigmax.compare(study, runs=512, folder=tmp_path)
+    assert same(again, found)
+    assert len(again.notes) == 1
+    assert "begins anew" in again.notes[0]
+    assert "sums.npz" in again.notes[0]
+    # What is left behind is sound again.
+    assert sigmax.compare(study, runs=512, folder=tmp_path).notes == ()
+
+
+def test_sums_of_another_study_are_told_and_not_used(finished, tmp_path):
+    study, found, content = finished
+    assert found.notes == ()
+    others = (
+        (scalar(prior=sigmax.Gaussian([1.0], [[0.6]])), {}),
+        (study, {"seed": 2}),
+        (study, {"particles": 9}),
+        (study, {"filters": ["EKF"]}),
     )
+    for other, more in others:
+        (tmp_path / "sums.npz").write_bytes(content)
+        new = sigmax.compare(other, runs=256, folder=tmp_path, **more)
+        assert "another study" in new.notes[0]
+        assert same(new, sigmax.compare(other, runs=256, **more))
+
+
+def test_a_study_is_stored_every_few_seconds_whatever_it_is_doing(tmp_path, monkeypatch):
+    """Also while the optimum is sought, which takes longest: a stop at any report finds all that was reported."""
+    monkeypatch.setattr("sigmax.studies.comparing._STORED_EVERY", 0.0)
+    monkeypatch.setattr("sigmax.studies.study._PARTICLES", 1000)
+    study = scalar(particles=20, optimum_runs=96)
+    assert study.piece(20) == 16
+    for stop_at in (1, 3, 5):
+        reports = []
+
+        def stop(what, done, of, reports=reports, stop_at=stop_at):
+            reports.append((what, done, of))
+            if what == "optimum" and sum(w == "optimum" for w, *_ in reports) == stop_at:
+                raise Stopped
+
+        with pytest.raises(Stopped):
+            sigmax.compare(study, ["EKF"], runs=256, workers=1, folder=tmp_path / str(stop_at), report=stop)
+        resumed = []
+        sigmax.compare(
+            study,
+            ["EKF"],
+            runs=256,
+            workers=1,
+            folder=tmp_path / str(stop_at),
+            report=lambda what, done, of, resumed=resumed: resumed.append((what, done)),
+        )
+        assert [done for what, done in resumed if what == "optimum"] == [16 * k for k in range(stop_at + 1, 7)]
+        assert [done for what, done in resumed if what == "runs"] == [256]
 
 
 def test_truth_and_measurements_are_drawn_as_the_study_says():

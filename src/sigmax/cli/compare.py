@@ -70,6 +70,8 @@ def compare_study(
         progress.update(task, description="writing the report", completed=0, total=None)
         write(folder, done)
     for c in done:
+        for note in c.notes:
+            errors.print(escape(f"{c.study.name}: {note}"), highlight=False, soft_wrap=True)
         _print(console, c)
     console.print(f"\nReport: {escape(str(folder / 'report.html'))}", highlight=False, soft_wrap=True)
     if not any(c.measures for c in done):
@@ -82,8 +84,12 @@ def _on(cluster: str | None, workers: int | None) -> joblib.parallel_config:
         return joblib.parallel_config(n_jobs=workers or -1)
     try:
         if cluster == "ray":
+            import ray
             from ray.util.joblib import register_ray
 
+            # Joins the cluster of RAY_ADDRESS or one of this machine, and starts one where there is none.
+            if not ray.is_initialized():
+                ray.init(include_dashboard=False, log_to_driver=False, logging_level="ERROR")
             register_ray()
         if cluster == "dask":
             from distributed import Client
@@ -93,7 +99,7 @@ def _on(cluster: str | None, workers: int | None) -> joblib.parallel_config:
         return joblib.parallel_config(backend=cluster, n_jobs=workers or -1)
     except ImportError as error:
         raise InputError(f"--cluster {cluster} needs a package that is not installed: {error}") from error
-    except ValueError as error:
+    except (ValueError, OSError, RuntimeError) as error:
         raise InputError(f"--cluster {cluster}: {error}") from error
 
 

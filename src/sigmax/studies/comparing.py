@@ -1,8 +1,11 @@
 """Many runs of a study with all its filters, and what they say."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import joblib
 from joblib.parallel import get_active_backend
@@ -13,12 +16,13 @@ from sigmax.studies.bound import absent, bound
 from sigmax.studies.comparison import Comparison, Optimum
 from sigmax.studies.cost import Cost, costs
 from sigmax.studies.measures import measures
-from sigmax.studies.progress import FILE, NOTHING, Totals, add, restore, store
+from sigmax.studies.progress import FILE, NOTHING, Totals, add, add_paired, restore, store
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Sums
-from sigmax.studies.work import CHECK, OPTIMUM, Block, Done, Work, block, estimate
+from sigmax.studies.work import CHECK, OPTIMUM, Rows, Runs, Work, beside_the_optimum, block, estimate
 
-_STORED_EVERY = 5.0  # seconds
+# Seconds between two times at which sums are stored, and that a group of blocks may take.
+_STORED_EVERY, _GROUP = 2.0, 2.0
 # Seconds: whether so much was spent on compiling is worth a second look.
 _WORTH_TELLING = 0.3
 Report = Callable[[str, int, int], None]
@@ -51,8 +55,8 @@ def compare(
         particles: of the optimum; without it as the study says, 0 for none.
         workers: how many blocks of runs are worked on at once; without it one for each core, of threads two.
         chunk: blocks that a worker is given at a time.
-        folder: where sums are kept, so that a study that was stopped goes on, and one that is repeated
-            with more runs only makes those that are new.
+        folder: where sums are kept every few seconds, so that a study that was stopped goes on, and one that is
+            repeated with more runs only makes those that are new.
         backend: as in `run`.
         report: called with what is being done, how much is done, and of how much.
 
@@ -65,58 +69,50 @@ def compare(
     count = study.runs if runs is None else runs
     N = study.particles if particles is None else particles
     check(study, count, N, workers, chunk, backend)
-    size = study.block
     by = yardsticks(study, backend)
     no_bound = absent(study)
     work = Work(study, chosen, by, seed, not no_bound, backend)
     settings = settings_of(study, chosen, seed, N, backend)
     path = None if folder is None or settings is None else Path(folder) / FILE
-    totals = NOTHING if path is None else restore(path, settings or {})
-    whole, rest = divmod(count, size)
-    if totals.blocks > whole:
-        totals = NOTHING
-    sizes_ = [size] * whole + ([rest] if rest else [])
-    with_optimum = -(-min(study.optimum_runs, count) // size) if N else 0
-
-    def todo(number: int) -> tuple[int, int, int]:
-        return number, sizes_[number], N if number < with_optimum else 0
-
-    first = Block(work, 0, sizes_[0])
+    blocks = _parts(count, study.block, study.block)
+    pieces = _parts(min(study.optimum_runs, count), study.block, study.piece(N)) if N else []
+    first = Runs(work, blocks[0])
     sums, failures, prepared = _tried(first, report)
     work = work.without(list(failures))
-    if not work.filters:
-        totals = NOTHING
-        sizes_ = []
-    if sizes_ and not totals.blocks:
-        report("runs", 0, count)
-        totals = add(totals, first.done(sums, todo(0)[2]))
-    del first, sums
-    stored = time.perf_counter()
-    kept = totals if totals.blocks <= whole else NOTHING
-    jobs = _jobs(workers)
-    at = totals.blocks
-    while at < len(sizes_):
-        report("runs", min(at * size, count), count)
-        group = [todo(k) for k in range(at, min(at + chunk * jobs * 2, len(sizes_)))]
-        for done, (number, made, _) in zip(_dealt(work, group, jobs, chunk), group, strict=True):
-            totals = add(totals, done)
-            if made == size:
-                kept = totals
-            at = number + 1
-        if path is not None and time.perf_counter() - stored > _STORED_EVERY:
-            store(path, kept, settings or {})
-            stored = time.perf_counter()
-    if path is not None:
-        store(path, kept, settings or {})
+    totals, note = NOTHING, ""
+    if work.filters:
+        if path is not None:
+            totals, note = restore(path, settings or {}, sums, study.block)
+            totals = _within(totals, blocks, pieces, study, N)
+        # Only whole blocks and pieces are kept, so that more runs can be added to them.
+        kept, stored = totals, 0.0
+        steps: list[tuple[str, int, Callable[..., Totals], Iterator[tuple[Rows, Any]]]] = []
+        made = [(blocks[0], first.done(sums))] if not totals.blocks else []
+        jobs = _jobs(workers)
+        left = blocks[max(totals.blocks, 1) :]
+        beside = partial(beside_the_optimum, work, count=N)
+        steps.append(("runs", study.block, add, chain(made, _dealt(partial(block, work), left, jobs, chunk))))
+        steps.append(("optimum", study.piece(N), add_paired, _dealt(beside, pieces[totals.pieces :], jobs, chunk)))
+        for what, size, adding, found in steps:
+            of = {"runs": count, "optimum": min(study.optimum_runs, count)}[what]
+            for rows, one in found:
+                totals = adding(totals, one)
+                if rows.end - rows.first == size:
+                    kept = adding(kept, one)
+                if path is not None and time.perf_counter() - stored > _STORED_EVERY:
+                    store(path, kept, settings or {})
+                    stored = time.perf_counter()
+                report(what, min(rows.block * study.block + rows.end, of), of)
+            if path is not None:
+                store(path, kept, settings or {})
     report("runs", count, count)
-    ran = {name: measures(s) for name, s in totals.all.items()}
     return Comparison(
         study,
         seed,
         count,
         chosen,
         totals.escaped,
-        ran,
+        {name: measures(s) for name, s in totals.all.items()},
         failures,
         dict(totals.all),
         by,
@@ -126,7 +122,24 @@ def compare(
         no_bound,
         prepared,
         time.perf_counter() - begun,
+        (note,) if note else (),
     )
+
+
+def _parts(count: int, block: int, size: int) -> list[Rows]:
+    """The first `count` runs in parts of `size`, none of which reaches over the end of a block."""
+    return [
+        Rows(first // block, first % block, first % block + min(size, count - first)) for first in range(0, count, size)
+    ]
+
+
+def _within(totals: Totals, blocks: Sequence[Rows], pieces: Sequence[Rows], study: Study, particles: int) -> Totals:
+    """What of former sums belongs to so many runs: all of it, all but the optimum, or nothing."""
+    if totals.blocks > sum(rows.end == study.block for rows in blocks):
+        return NOTHING
+    if totals.pieces > sum(rows.end - rows.first == study.piece(particles) for rows in pieces):
+        return totals._replace(pieces=0, paired={})
+    return totals
 
 
 def _jobs(workers: int | None) -> int:
@@ -139,20 +152,28 @@ def _jobs(workers: int | None) -> int:
     return 2 * jobs if workers is None and getattr(backend, "uses_threads", False) else jobs
 
 
-def _dealt(work: Work, group: Sequence[tuple[int, int, int]], jobs: int, chunk: int) -> list[Done]:
-    """The blocks of a group, in their order."""
-    if jobs == 1:
-        return [block(work, *one) for one in group]
-    parts = [group[k : k + chunk] for k in range(0, len(group), chunk)]
-    made = joblib.Parallel(n_jobs=jobs, prefer="threads")(joblib.delayed(_blocks)(work, part) for part in parts)
-    return [done for part in made for done in part]
+def _dealt(make: Callable[[Rows], Any], parts: Sequence[Rows], jobs: int, chunk: int) -> Iterator[tuple[Rows, Any]]:
+    """What is made of each of the parts, in their order, in groups that take about `_GROUP` seconds."""
+    at, many = 0, jobs * chunk
+    while at < len(parts):
+        group = parts[at : at + many]
+        begun = time.perf_counter()
+        if jobs == 1:
+            yield from ((rows, make(rows)) for rows in group)
+        else:
+            calls = (joblib.delayed(_made)(make, group[k : k + chunk]) for k in range(0, len(group), chunk))
+            found = joblib.Parallel(n_jobs=jobs, prefer="threads")(calls)
+            yield from zip(group, (one for some in found for one in some), strict=True)
+        taken = time.perf_counter() - begun
+        at += len(group)
+        many = 2 * many if taken < _GROUP / 2 else max(jobs * chunk, many // 2) if taken > _GROUP else many
 
 
-def _blocks(work: Work, group: Sequence[tuple[int, int, int]]) -> list[Done]:
-    return [block(work, *one) for one in group]
+def _made(make: Callable[[Rows], Any], parts: Sequence[Rows]) -> list[Any]:
+    return [make(rows) for rows in parts]
 
 
-def _tried(first: Block, report: Report) -> tuple[dict[str, Sums], dict[str, str], dict[str, float]]:
+def _tried(first: Runs, report: Report) -> tuple[dict[str, Sums], dict[str, str], dict[str, float]]:
     """The sums of the first block, why each filter that cannot be run cannot, and how long each took to compile."""
     work, sums, failures, prepared = first.work, {}, {}, {}
     for k, name in enumerate(work.filters):

@@ -46,6 +46,7 @@ class Comparison(NamedTuple):
         no_bound: why there is none.
         prepared: seconds that the first run took longer than the others, by filter: tracing and compiling.
         seconds: how long it all took.
+        notes: what else is to be known, as that former sums could not be used.
     """
 
     study: Study
@@ -63,3 +64,4 @@ class Comparison(NamedTuple):
     no_bound: str
     prepared: dict[str, float]
     seconds: float
+    notes: tuple[str, ...] = ()

@@ -10,46 +10,52 @@ import numpy as np
 
 from sigmax.studies.bound import Information
 from sigmax.studies.sums import Sums
-from sigmax.studies.work import CHECK, OPTIMUM, Done
+from sigmax.studies.work import Done
 
 FILE = "sums.npz"
 
 
 class Totals(NamedTuple):
-    """Sums over the blocks from the first on.
+    """Sums over the runs from the first on.
 
     Attributes:
-        blocks: how many blocks they are of.
+        blocks: how many blocks of runs they are of.
         escaped: runs of which the truth escaped.
         all: by filter, over all of these.
-        paired: by filter and for the optimum, over the blocks in which the optimum was computed.
+        pieces: how many pieces of runs the optimum was found for.
+        paired: by filter and for the optimum, over those.
         told: for the bound.
     """
 
     blocks: int
     escaped: int
     all: Mapping[str, Sums]
+    pieces: int
     paired: Mapping[str, Sums]
     told: Information | None
 
 
-NOTHING = Totals(0, 0, {}, {}, None)
+NOTHING = Totals(0, 0, {}, 0, {}, None)
 
 
 def add(totals: Totals, done: Done) -> Totals:
     """The totals with one block more."""
-    sums, told = done.sums, done.told
-    return Totals(
-        totals.blocks + 1,
-        totals.escaped + done.escaped,
-        _plus(totals.all, {name: s for name, s in sums.items() if name not in (OPTIMUM, CHECK)}),
-        _plus(totals.paired, sums) if OPTIMUM in sums else totals.paired,
-        told if totals.told is None else totals.told if told is None else totals.told.plus(told),
+    told = done.told if totals.told is None else totals.told if done.told is None else totals.told.plus(done.told)
+    return totals._replace(
+        blocks=totals.blocks + 1,
+        escaped=totals.escaped + done.escaped,
+        all=_plus(totals.all, done.sums),
+        told=told,
     )
 
 
+def add_paired(totals: Totals, sums: Mapping[str, Sums]) -> Totals:
+    """The totals with one piece more for which the optimum was found."""
+    return totals._replace(pieces=totals.pieces + 1, paired=_plus(totals.paired, sums))
+
+
 def _plus(before: Mapping[str, Sums], more: Mapping[str, Sums]) -> dict[str, Sums]:
-    return {name: before[name].plus(s) if name in before else s for name, s in more.items()}
+    return {**before, **{name: before[name].plus(s) if name in before else s for name, s in more.items()}}
 
 
 def store(path: Path, totals: Totals, settings: Mapping[str, Any]) -> None:
@@ -60,37 +66,64 @@ def store(path: Path, totals: Totals, settings: Mapping[str, Any]) -> None:
             arrays |= {f"{kind}/{name}/{field}": value for field, value in s._asdict().items()}
     if totals.told is not None:
         arrays |= {f"told/{field}": value for field, value in totals.told._asdict().items()}
-    about = json.dumps({"settings": settings, "blocks": totals.blocks, "escaped": totals.escaped})
+    about = {"settings": settings, "blocks": totals.blocks, "escaped": totals.escaped, "pieces": totals.pieces}
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     with part.open("wb") as file:
-        np.savez(file, allow_pickle=False, about=np.array(about), **arrays)
+        np.savez(file, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
     part.replace(path)
 
 
-def restore(path: Path, settings: Mapping[str, Any]) -> Totals:
-    """The totals of a file that was made with the same settings; nothing where there is none."""
+def restore(path: Path, settings: Mapping[str, Any], like: Mapping[str, Sums], size: int) -> tuple[Totals, str]:
+    """The totals of a file that was made with the same settings, and why they are not used where they are not.
+
+    Args:
+        path: of the file; where there is none there is nothing, and nothing to say.
+        settings: what the sums depend on.
+        like: sums of some runs, by filter, which those of the file must resemble.
+        size: runs of a block.
+    """
+    if not path.exists():
+        return NOTHING, ""
     try:
-        with np.load(path) as file:
-            about = json.loads(str(file["about"]))
-            if about["settings"] != json.loads(json.dumps(settings)):
-                return NOTHING
-            found: dict[str, dict[str, dict[str, np.ndarray]]] = {"all": {}, "paired": {}}
-            told: dict[str, np.ndarray] = {}
-            for key in file.files:
-                kind, _, rest = key.partition("/")
-                if kind == "told":
-                    told[rest] = file[key]
-                elif kind in found:
-                    name, _, field = rest.rpartition("/")
-                    found[kind].setdefault(name, {})[field] = file[key]
-            return Totals(
-                about["blocks"],
-                about["escaped"],
-                {name: Sums(**fields) for name, fields in found["all"].items()},
-                {name: Sums(**fields) for name, fields in found["paired"].items()},
-                Information(**told) if told else None,
-            )
-    except (OSError, ValueError, KeyError, TypeError, EOFError):
-        # Missing, of another version, or damaged: the study begins anew.
-        return NOTHING
+        totals, theirs = _read(path)
+    except Exception as error:  # whatever reading a damaged archive may raise
+        return NOTHING, f"{path.name} is damaged ({type(error).__name__}), so this study begins anew"
+    if theirs != json.loads(json.dumps(settings)):
+        return NOTHING, f"{path.name} is of another study, of other settings or another version; this one begins anew"
+    if not _resembles(totals, like, size):
+        return NOTHING, f"{path.name} does not hold the sums of this study, which begins anew"
+    return totals, ""
+
+
+def _read(path: Path) -> tuple[Totals, Any]:
+    found: dict[str, dict[str, dict[str, np.ndarray]]] = {"all": {}, "paired": {}}
+    told: dict[str, np.ndarray] = {}
+    with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        about = json.loads(str(file["about"]))
+        for key in file.files:
+            kind, _, rest = key.partition("/")
+            if kind == "told":
+                told[rest] = file[key]
+            elif kind in found:
+                name, _, field = rest.rpartition("/")
+                found[kind].setdefault(name, {})[field] = file[key]
+    return Totals(
+        int(about["blocks"]),
+        int(about["escaped"]),
+        {name: Sums(**fields) for name, fields in found["all"].items()},
+        int(about["pieces"]),
+        {name: Sums(**fields) for name, fields in found["paired"].items()},
+        Information(**told) if told else None,
+    ), about["settings"]
+
+
+def _resembles(totals: Totals, like: Mapping[str, Sums], size: int) -> bool:
+    """Whether sums have the shapes of this study's, and are of as many runs as they should be."""
+    if totals.all.keys() != like.keys() or totals.blocks < 1:
+        return False
+    pattern = next(iter(like.values()))
+    for s in (*totals.all.values(), *totals.paired.values()):
+        if any(np.shape(a) != np.shape(b) or a.dtype.kind != b.dtype.kind for a, b in zip(s, pattern, strict=True)):
+            return False
+    return all(int(s.runs) + totals.escaped == totals.blocks * size for s in totals.all.values())

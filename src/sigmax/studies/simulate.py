@@ -131,3 +131,10 @@ def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Dr
         seen = (rng.random((B, T)) < study.detections[sensor]) & kept[:, None]
         z[sensor] = np.where(seen[..., None], value.reshape(B, T, m), np.nan)
     return Drawn(start, truth, mean, z, kept)
+
+
+def cut(drawn: Drawn, first: int, end: int) -> Drawn:
+    """Some runs of a block."""
+    part = slice(first, end)
+    start, truth, mean, kept = (a[part] for a in (drawn.start, drawn.truth, drawn.mean, drawn.kept))
+    return Drawn(start, truth, mean, {sensor: z[part] for sensor, z in drawn.z.items()}, kept)

@@ -13,7 +13,7 @@ from sigmax.running.run import run
 from sigmax.studies.bank import bank
 from sigmax.studies.bound import Information, information
 from sigmax.studies.particles import particles
-from sigmax.studies.simulate import Drawn, draw
+from sigmax.studies.simulate import Drawn, cut, draw
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Estimated, Sums, Yardsticks, summed
 
@@ -21,8 +21,16 @@ from sigmax.studies.sums import Estimated, Sums, Yardsticks, summed
 OPTIMUM, CHECK = "optimum", "optimum, twice the particles"
 
 
+class Rows(NamedTuple):
+    """Runs of a block: its number, the first of them, and one after the last."""
+
+    block: int
+    first: int
+    end: int
+
+
 class Done(NamedTuple):
-    """What became of one block: sums by filter, runs that escaped, and what its truth tells for the bound."""
+    """What became of some runs: sums by filter, runs that escaped, and what their truth tells for the bound."""
 
     sums: dict[str, Sums]
     escaped: int
@@ -90,19 +98,18 @@ def _optimum(work: Work, drawn: Drawn, count: int, seed: tuple[int, ...]) -> Est
     return particles(study, drawn, count, seed, study.optimum, work.backend)
 
 
-class Block:
-    """The runs of one block, and what is added up of estimates of them.
+class Runs:
+    """Some runs of one block, and what is added up of estimates of them.
 
     Args:
         work: the work.
-        number: which block.
-        size: how many of its runs count, the first ones.
+        rows: which runs.
     """
 
-    def __init__(self, work: Work, number: int, size: int) -> None:
-        self.work, self.number, self.size = work, number, size
-        self.drawn = draw(work.study, work.seed, number, work.backend)
-        self.kept = np.flatnonzero(self.drawn.kept[:size])
+    def __init__(self, work: Work, rows: Rows) -> None:
+        self.work, self.rows = work, rows
+        self.drawn = cut(draw(work.study, work.seed, rows.block, work.backend), rows.first, rows.end)
+        self.kept = np.flatnonzero(self.drawn.kept)
         self.truth, self.last = self.drawn.truth[self.kept], None
         if work.study.mirror is not None:
             self.last = np.asarray(jax.vmap(work.study.mirror)(self.truth[:, -1]))
@@ -112,22 +119,31 @@ class Block:
         kept = found if len(self.kept) == len(found.mean) else Estimated(*(a[self.kept] for a in found))
         return summed(kept, self.truth, self.last, self.work.by, self.work.backend)
 
-    def done(self, sums: Mapping[str, Sums], count: int) -> Done:
-        """The block with the sums of its filters, and with the optimum where there are particles."""
-        work = self.work
-        if not len(self.kept):
-            return Done({}, self.size, None)
-        every = dict(sums)
-        if count:
-            for k, name in enumerate((OPTIMUM, CHECK), start=1):
-                seed = work.seed, self.number, k
-                every[name] = self.added(_optimum(work, self.drawn, k * count, seed))
-        told = information(work.study, self.drawn, self.kept, work.backend) if work.bounded else None
-        return Done(every, self.size - len(self.kept), told)
+    def filtered(self) -> dict[str, Sums]:
+        """The sums of all filters; none where every run escaped."""
+        names = self.work.filters if len(self.kept) else {}
+        return {name: self.added(estimate(self.work, name, self.drawn)) for name in names}
+
+    def done(self, sums: Mapping[str, Sums]) -> Done:
+        """The runs with the sums of their filters."""
+        work, told = self.work, None
+        if work.bounded and len(self.kept):
+            told = information(work.study, self.drawn, self.kept, work.backend)
+        return Done(dict(sums), len(self.drawn.kept) - len(self.kept), told)
 
 
-def block(work: Work, number: int, size: int, count: int) -> Done:
-    """The sums of the first `size` runs of a block, with the optimum where there are particles."""
-    opened = Block(work, number, size)
-    names = work.filters if len(opened.kept) else {}
-    return opened.done({name: opened.added(estimate(work, name, opened.drawn)) for name in names}, count)
+def block(work: Work, rows: Rows) -> Done:
+    """The sums of all filters over some runs."""
+    runs = Runs(work, rows)
+    return runs.done(runs.filtered())
+
+
+def beside_the_optimum(work: Work, rows: Rows, count: int) -> dict[str, Sums]:
+    """The sums of the optimum with `count` particles, with twice as many, and of all filters over the same runs."""
+    runs = Runs(work, rows)
+    every = runs.filtered()
+    if len(runs.kept):
+        for k, name in enumerate((OPTIMUM, CHECK), start=1):
+            seed = work.seed, rows.block, rows.first, k
+            every[name] = runs.added(_optimum(work, runs.drawn, k * count, seed))
+    return every

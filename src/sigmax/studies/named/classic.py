@@ -75,7 +75,8 @@ def reentry() -> Study:
             R=np.square([1.0, 0.017]),
             state=("x", "y", "vx", "vy", "ballistic"),
         ),
-        prior=Gaussian(mean, np.square([1e3, 1e3, 1.0, 1.0, 1.0])),
+        # The source has 1e-6 km², 1e-6 (km/s)² and 1.
+        prior=Gaussian(mean, np.square([1.0, 1.0, 1.0, 1.0, 1.0])),
         steps=400,
         dt=0.5,
         title="A vehicle enters the atmosphere",
