@@ -57,12 +57,35 @@ def test_ray_gives_the_same_bits(here):
         ray.shutdown()
 
 
+@pytest.mark.parametrize("cluster", ["dask", "ray"])
+def test_the_command_starts_a_cluster_where_there_is_none(cluster, tmp_path):
+    pytest.importorskip({"dask": "distributed"}.get(cluster, cluster))
+    command = [
+        sys.executable,
+        "-m",
+        "sigmax.cli",
+        "compare",
+        "growth",
+        "-f",
+        "EKF",
+        "--runs",
+        "600",
+        "--particles",
+        "0",
+    ]
+    for name, more in (("here", []), ("there", ["--cluster", cluster])):
+        done = subprocess.run([*command, *more, "--out", str(tmp_path / name)], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    with np.load(tmp_path / "here" / "sums.npz") as here, np.load(tmp_path / "there" / "sums.npz") as there:
+        for name in set(here.files) - {"about"}:
+            np.testing.assert_array_equal(here[name], there[name])
+
+
 def test_a_study_that_is_killed_goes_on(tmp_path):
     """Killed without warning in the middle of it, the same command ends with the sums of one that was not."""
     command = [sys.executable, "-m", "sigmax.cli", "compare", "growth", "-f", "EKF", "--particles", "0"]
     command += ["--runs", "60000", "--workers", "1"]
-    quick = "from sigmax.studies import comparing; comparing._STORED_EVERY = 0.1\n"
-    code = quick + "from sigmax.cli import main; import sys; sys.argv = sys.argv[1:]; main()"
+    code = "from sigmax.cli import main; import sys; sys.argv = sys.argv[1:]; main()"
     first = subprocess.Popen(
         [sys.executable, "-c", code, "sigmax", *command[3:], "--out", str(tmp_path / "killed")],
         stdout=subprocess.DEVNULL,

@@ -75,8 +75,8 @@ def reentry() -> Study:
             R=np.square([1.0, 0.017]),
             state=("x", "y", "vx", "vy", "ballistic"),
         ),
-        # The source has 1e-6 km², 1e-6 (km/s)² and 1.
-        prior=Gaussian(mean, np.square([1.0, 1.0, 1.0, 1.0, 1.0])),
+        # The source: 1e-6 km², 1e-6 (km/s)², and 1 for the parameter.
+        prior=Gaussian(mean, np.ones(5)),
         steps=400,
         dt=0.5,
         title="A vehicle enters the atmosphere",
