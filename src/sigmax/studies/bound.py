@@ -47,6 +47,8 @@ def absent(study: Study) -> str:
         return "the noise of the motion depends on the state"
     if any(callable(R) for R in model.R.values()):
         return "the noise of a sensor depends on the state"
+    if (study.elapsed == 0).any():
+        return "there is a step in which no time passes"
     if any(np.linalg.cond(_noise(model, dt)) > 1e14 for dt in set(study.elapsed)):
         return "the motion has no noise in some direction"
     return ""
@@ -79,9 +81,18 @@ def information(study: Study, drawn: Drawn, kept: np.ndarray, backend: str | Non
     for sensor, slope in sensors.items():
         (H,) = mapped(slope, drawn.truth.reshape(B * T, n), every, backend=backend)
         H = H.reshape(B, T, -1, n)[kept]
-        R = np.linalg.inv(_matrix(model.R[sensor]))
+        m = H.shape[-2]
+        there = np.broadcast_to(np.asarray(study.measured.get(sensor, True), bool), (T, m))
+        R = np.array([_inverse_of(_matrix(model.R[sensor]), seen) for seen in there])
         sensed += study.detections[sensor] * (H.swapaxes(-1, -2) @ R @ H).sum(0)
     return Information(np.array(len(kept)), (F.swapaxes(-1, -2) @ QF).sum(0), QF.sum(0), sensed)
+
+
+def _inverse_of(R: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """The inverse of the part of a covariance that was seen, 0 for the rest."""
+    inverse = np.zeros_like(R)
+    inverse[np.ix_(seen, seen)] = np.linalg.inv(R[np.ix_(seen, seen)])
+    return inverse
 
 
 @lru_cache(maxsize=16)

@@ -1,8 +1,10 @@
 """Finding studies by a name, a description, or a function of the user's."""
 
 import inspect
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +14,12 @@ from pydantic import Field
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.models.builtin import BUILTIN, Scenario
-from sigmax.records import find_model, parse_trial
+from sigmax.records import find_model, load, parse_trial
 from sigmax.records.description import Section, read_toml
+from sigmax.records.load import builtin as builtin_records
 from sigmax.records.userfile import Functions, called, is_reference
 from sigmax.studies.named import NAMED
+from sigmax.studies.of_record import of_record
 from sigmax.studies.study import Study, undisturbed
 
 # Filters and length where nothing is said.
@@ -27,7 +31,7 @@ class StudyDescription(Section):
     """A study on a model of the user's, as TOML."""
 
     model: str
-    steps: int = Field(default=_STEPS, ge=1)
+    steps: int | None = Field(default=None, ge=1)
     dt: float | list[float] | None = None
     runs: int = Field(default=1000, ge=2)
     title: str = ""
@@ -47,9 +51,10 @@ def load_studies(name: str, options: Mapping[str, str] | None = None) -> list[St
     """The studies that a name means; most names mean one.
 
     Args:
-        name: of a study (see `sigmax studies`) or of a built-in model, the path of a TOML description, or
-            "file.py:function" that gives a `Study`, a list of them, or a pair (model, prior).
-        options: of a named study or of the user's function, as text.
+        name: of a study (see `sigmax studies`), a built-in model or a built-in record; the path of a TOML description
+            of a study or of a record; or "file.py:function" that gives a `Study`, a list of them, or a pair
+            (model, prior).
+        options: of a named study, of the user's function, or of a record (`steps`, `track`), as text.
 
     Raises:
         InputError: for whatever is missing or does not fit.
@@ -64,14 +69,29 @@ def load_studies(name: str, options: Mapping[str, str] | None = None) -> list[St
         if isinstance(found, tuple):
             return [_on_model(find_model(name), Path(file).stem)]
         return _listed(found)
+    path = Path(name)
+    if name.casefold() in builtin_records() or _is_record(path):
+        return [_with_defaults(_made(partial(of_record, load(name), path.stem), given, name))]
     if given:
         raise InputError(f"{name} takes no options; {', '.join(given)} belongs to a named study")
     if name in BUILTIN:
         return [_on_model(find_model(name), name)]
-    path = Path(name)
     if path.suffix.casefold() == ".toml":
         return [_described(path)]
-    raise InputError(f"{unknown('study', name, [*NAMED, *BUILTIN])}; or give a .toml description, or file.py:function")
+    known = [*NAMED, *BUILTIN, *builtin_records()]
+    raise InputError(f"{unknown('study', name, known)}; or give a .toml description, or file.py:function")
+
+
+def _is_record(path: Path) -> bool:
+    """Whether a TOML file describes a record: what cannot be read is told later, as a description of a study."""
+    try:
+        return path.suffix.casefold() == ".toml" and "data" in tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+
+
+def _with_defaults(study: Study) -> Study:
+    return study if study.filters else _with_filters(study, _FILTERS)
 
 
 def _listed(found: Any) -> list[Study]:
@@ -148,20 +168,13 @@ def _described(path: Path) -> Study:
     if given.truth not in TRUTHS:
         raise InputError(f"{path.name}: {unknown('truth', given.truth, TRUTHS)}")
     try:
-        scenario = find_model(given.model, path.parent)
-        inputs = None if scenario.inputs is None else np.tile(scenario.inputs, (given.steps, 1))
-        study = Study(
-            name=path.stem,
-            model=scenario.model,
-            prior=scenario.prior,
-            steps=given.steps,
-            dt=scenario.dt if given.dt is None else given.dt,
-            title=given.title or path.stem,
-            nature=undisturbed(scenario.model) if given.truth == "fixed" else None,
+        study = _modelled(given, path)
+        study = replace(
+            study,
+            nature=undisturbed(study.apart or study.model) if given.truth == "fixed" else None,
             start=given.start,
             estimate=given.estimate,
             detection=given.detection,
-            inputs=inputs,
             runs=given.runs,
             look=tuple(given.look),
             limit=given.limit,
@@ -172,3 +185,23 @@ def _described(path: Path) -> Study:
         return _with_filters(study, given.filters)
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from error
+
+
+def _modelled(given: StudyDescription, path: Path) -> Study:
+    """A study on the model of a description, with the rows of the record where it is that of one."""
+    title, record = given.title or path.stem, given.model
+    if not is_reference(record) and record.casefold().endswith(".toml"):
+        record = str(path.parent / record)
+    if record.casefold() in builtin_records() or _is_record(Path(record)):
+        return replace(of_record(load(record), path.stem, given.steps or 0, dt=given.dt), title=title)
+    scenario = find_model(given.model, path.parent)
+    steps = given.steps or _STEPS
+    return Study(
+        name=path.stem,
+        model=scenario.model,
+        prior=scenario.prior,
+        steps=steps,
+        dt=scenario.dt if given.dt is None else given.dt,
+        title=title,
+        inputs=None if scenario.inputs is None else np.tile(scenario.inputs, (steps, 1)),
+    )

@@ -129,7 +129,8 @@ def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Dr
         noise = rng.standard_normal((B * T, m))
         (value,) = mapped(functions.sense[sensor], truth.reshape(B * T, n), noise, every, backend=backend)
         seen = (rng.random((B, T)) < study.detections[sensor]) & kept[:, None]
-        z[sensor] = np.where(seen[..., None], value.reshape(B, T, m), np.nan)
+        there = np.broadcast_to(np.asarray(study.measured.get(sensor, True), bool), (T, m))
+        z[sensor] = np.where(seen[..., None] & there, value.reshape(B, T, m), np.nan)
     return Drawn(start, truth, mean, z, kept)
 
 

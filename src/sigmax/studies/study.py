@@ -45,6 +45,8 @@ class Study:
             start with the covariance of the prior, or a function (x0 (n,), w (n,)) -> (n,) of the true start and
             of standard normal numbers.
         detection: probability that a sensor reports at a step: one number, or a dict by sensor.
+        measured: which components of the measurement are there at each step (T, m), by sensor, the same in all runs;
+            without it all of them.
         inputs: (T, k), the same in all runs, or None.
         filters: the filters by name.
         runs: how many runs are made if nothing else is said.
@@ -74,6 +76,7 @@ class Study:
     start: Any = None
     estimate: str | Callable[[Any, Any], Any] = "prior"
     detection: Any = 1.0
+    measured: Mapping[str, Any] = field(default_factory=dict)
     inputs: Any = None
     filters: Mapping[str, Filter] = field(default_factory=dict)
     runs: int = 1000
@@ -112,6 +115,11 @@ class Study:
             raise InputError(f"{self.name}: dt must be a number of seconds or one for each of the {self.steps} steps")
         if self.inputs is not None and (np.ndim(self.inputs) != 2 or len(self.inputs) != self.steps):
             raise InputError(f"{self.name}: inputs must have the shape ({self.steps}, k)")
+        for sensor, there in self.measured.items():
+            if sensor not in self.model.sensors:
+                raise unknown("sensor", sensor, self.model.sensors)
+            if np.ndim(there) != 2 or len(there) != self.steps:
+                raise InputError(f"{self.name}: measured must have the shape ({self.steps}, m) for each sensor")
         if self.nature is not None and (self.nature.size != n or list(self.nature.sensors) != list(self.model.sensors)):
             raise InputError(f"{self.name}: nature must have the state and the sensors of the model")
         for sensor, p in self.detections.items():
