@@ -75,8 +75,9 @@ def cholesky(P: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Factor of a positive semidefinite P (n, n, ...), and whether it is sound (...).
 
     A pivot within rounding of zero gives a zero column (a component known exactly, or a combination
-    of others); one that is clearly negative makes the result unsound. Rounding in a pivot grows as
-    the pivots before it shrink: a negative one counts only beyond that. n³/3 multiplications.
+    of others); one that is clearly negative makes the result unsound, and so does a covariance with a component
+    that has no variance left. Rounding in a pivot grows as the pivots before it shrink: only what is beyond that
+    counts. n³/3 multiplications.
     """
     n = P.shape[0]
     rounding = 8 * n * float(np.finfo(P.dtype).eps)
@@ -91,6 +92,9 @@ def cholesky(P: jax.Array) -> tuple[jax.Array, jax.Array]:
         diagonal, _ = safe_sqrt(jnp.where(usable, pivot, 0))
         scale = _reciprocal(diagonal, usable)
         growth = jnp.maximum(growth, jnp.where(usable, variance[j] * scale * scale, 1))
+        # P_ij² ≤ P_ii P_jj, of what is left.
+        most = 4 * rounding * growth * jnp.abs(variance[j] * variance[j + 1 :])
+        sound &= usable | (P[1:, 0] * P[1:, 0] <= most).all(0)
         below = P[1:, 0] * scale
         columns.append(jnp.concatenate([diagonal[None], below]))
         P = P[1:, 1:] - below[:, None] * below[None]

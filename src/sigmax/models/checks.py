@@ -104,7 +104,7 @@ def symmetric_semidefinite(what: str, value: Any) -> None:
     """Refuse what is no covariance (..., n, n).
 
     Raises:
-        InputError: with the asymmetry or the negative eigenvalue that was found.
+        InputError: with the asymmetry, the covariance beyond its variances or the negative eigenvalue that was found.
     """
     finite(what, value)
     if is_traced(value):
@@ -119,7 +119,17 @@ def symmetric_semidefinite(what: str, value: Any) -> None:
             f"{what} must be symmetric; entries [{i}, {j}] and [{j}, {i}] differ by {gap.max():.1g} of their scale: "
             f"use ({what} + {what}.T) / 2 if that is rounding"
         )
-    smallest = np.linalg.eigvalsh(P / scale * (scale > np.finfo(float).tiny)).min(initial=0.0)
+    known = (d[..., :, None] == 0) | (d[..., None, :] == 0)
+    wrong = known & (P != 0)
+    if wrong.any():
+        *batch, i, j = (int(place) for place in np.argwhere(wrong)[0])
+        zero = i if d[(*batch, i)] == 0 else j
+        raise InputError(
+            f"{what} must be positive semidefinite; entry [{i}, {j}] is {P[(*batch, i, j)]:.3g} although the variance "
+            f"[{zero}, {zero}] is 0, and a component known exactly has no covariance with another: give it a variance, "
+            "or set the entry to 0"
+        )
+    smallest = np.linalg.eigvalsh(np.where(known, 0, P / scale)).min(initial=0.0)
     if smallest < -1e-6:
         raise InputError(
             f"{what} must be positive semidefinite; scaled to unit diagonal it has the eigenvalue {smallest:.3g}: "
