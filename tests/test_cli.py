@@ -62,8 +62,9 @@ def test_the_folder_holds_what_is_promised(finished: Finished) -> None:
     assert 0.5 < ekf["mean_nis"] < 4
     assert 0 < ekf["seconds"] < 5
     assert fixed["rmse_position_m"] > 3 * ekf["rmse_position_m"]
-    assert fixed["grade"] == "overconfident"
-    assert summary["verdict"].startswith("Take EKF, the only one")
+    assert fixed["grade"] == "too optimistic"
+    assert summary["verdict"].startswith("82 measured components are too few")
+    assert "So far EKF has the smallest position RMSE" in summary["verdict"]
     assert summary["units"]["vnorth"] == "m/s"
     assert summary["versions"]["sigmax"] == sigmax.__version__
 

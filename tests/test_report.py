@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 import sigmax
 from sigmax.records import Outcome, Record, parse_trial
 from sigmax.reports import Grade, Score, grade, score, verdict
 from sigmax.reports.figures import nis_figure
 from sigmax.reports.page import page
+from sigmax.reports.score import misses
 from sigmax.reports.thin import stride, thin
 from sigmax.reports.verdict import best, nis_in_words, significant
 from tests.browser import opened
@@ -21,9 +23,14 @@ from tests.own_records import tracked_radar
 
 
 def made(label: str, rmse: float | None, nis: float, **more: object) -> Score:
-    return Score(
-        label, label, rmse_position_m=rmse, mean_nis=nis, expected_nis=1.0, nis_bounds=(0.95, 1.05), seconds=1.0, **more
-    )
+    """A score whose NIS is known to 7 %."""
+    known = {
+        "nis_ratio": (0.93 * nis, 1.07 * nis),
+        "nis_bounds": (0.95, 1.05),
+        "components": 2000,
+        "measurements": 2000,
+    }
+    return Score(label, label, rmse_position_m=rmse, mean_nis=nis, expected_nis=1.0, seconds=1.0, **(known | more))
 
 
 def test_grades_follow_their_rules() -> None:
@@ -31,15 +38,75 @@ def test_grades_follow_their_rules() -> None:
         1.0: Grade.CONSISTENT,
         1.05: Grade.CONSISTENT,
         1.06: Grade.NEAR,
-        0.7: Grade.NEAR,
-        1.6: Grade.OVERCONFIDENT,
+        0.75: Grade.NEAR,
+        1.45: Grade.UNKNOWN,
+        1.7: Grade.OPTIMISTIC,
+        0.65: Grade.UNKNOWN,
         0.6: Grade.CAUTIOUS,
     }
     for nis, expected in wanted.items():
         assert grade(made("a", 1.0, nis)) is expected
+    assert grade(made("a", 1.0, 1.0, heavy=True)) is Grade.HEAVY
+    assert grade(made("a", 1.0, 9.0, heavy=True)) is Grade.OPTIMISTIC
     assert grade(made("a", 1.0, 1.0, faults=1, first_fault="step 3")) is Grade.FAULTY
     assert grade(Score("a", "a", failure="ValueError: no")) is Grade.FAILED
     assert grade(Score("a", "a")) is Grade.UNKNOWN
+
+
+def scored(nis: np.ndarray, dof: int = 1) -> Score:
+    """The score of a filter with this NIS (T,)."""
+    total = dof * len(nis)
+    bounds = tuple(chi2.ppf([0.025, 0.975], total) / len(nis))
+    found = misses(np.ones((1, len(nis)), bool), nis[None], np.full((1, len(nis)), dof))
+    mean = float(nis.mean())
+    count = {"components": total, "measurements": len(nis)}
+    return Score("a", "a", mean_nis=mean, expected_nis=float(dof), nis_bounds=bounds, **count, **found)
+
+
+@pytest.mark.parametrize("dof", [1, 2, 3])
+def test_a_verdict_on_a_record_is_not_turned_into_its_opposite_by_more_of_it(dof: int) -> None:
+    """Draws of known size: graded by their beginning, and by more and more of them."""
+    opposite = {Grade.OPTIMISTIC: -1, Grade.CAUTIOUS: 1, Grade.CONSISTENT: 0, Grade.NEAR: 0}
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        squares = (rng.standard_normal((3000, dof)) ** 2).sum(1)
+        final = {}
+        for ratio in (0.2, 0.5, 1.0, 1.2, 2.5, 50.0):
+            grades = [grade(scored(ratio * squares[:T], dof)) for T in (5, 20, 60, 300, 3000)]
+            said = {opposite[g] for g in grades if g is not Grade.UNKNOWN}
+            assert len(said) <= 1, (ratio, grades)
+            final[ratio] = grades
+        assert final[1.0][-1] in (Grade.CONSISTENT, Grade.NEAR)
+        assert final[1.0][0] is Grade.UNKNOWN
+        assert final[0.2][-1] is final[0.5][-1] is Grade.CAUTIOUS
+        assert final[2.5][-1] is final[50.0][-1] is Grade.OPTIMISTIC
+
+
+@pytest.mark.parametrize("share", [0.02, 0.05, 0.1])
+def test_noise_raised_over_outliers_is_seen_in_the_tails(share: float) -> None:
+    """The mean of the NIS is 1, and nothing else is as it should be."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        miss = rng.standard_normal(500) * np.where(rng.random(500) < share, 30.0, 1.0)
+        found = scored(miss**2 / (miss**2).mean())
+        assert found.mean_nis == pytest.approx(1.0)
+        assert grade(found) is Grade.HEAVY
+        assert found.kurtosis > 10
+        headline, sentences = verdict([found])
+        assert "though its misses have heavy tails" in headline
+        assert "kurtosis" in sentences[0]
+        assert "outliers" in sentences[0]
+    clean = [scored(np.random.default_rng(seed).standard_normal(500) ** 2) for seed in range(50)]
+    assert not any(s.heavy for s in clean)
+    assert not any(s.stretches for s in clean)
+
+
+def test_misses_that_last_are_told() -> None:
+    rng = np.random.default_rng(3)
+    offset = np.repeat(rng.standard_normal(20) * 2, 30)
+    found = scored((offset + rng.standard_normal(600)) ** 2 / 5)
+    assert found.stretches > 0.2
+    assert "one after another" in verdict([found])[1][0]
 
 
 def test_the_advice_is_the_best_of_those_that_can_be_believed() -> None:
@@ -61,12 +128,24 @@ def test_the_advice_is_the_best_of_those_that_can_be_believed() -> None:
         "Its position is off by 0.1 m (RMSE)."
     )
     assert "E: mean NIS 0.1 against an expected 1: too cautious" in sentences[2]
+    assert "lower R, or Q" in sentences[2]
 
 
-def test_other_verdicts() -> None:
+def test_other_verdicts(tracked: tuple[Record, list[Outcome], list[Score]]) -> None:
     assert best([made("D", 0.1, 16.2)]) is None
     assert verdict([made("D", 0.1, 16.2)])[0].startswith("D cannot be believed")
-    assert verdict([made("D", 0.1, 16.2), made("E", 0.2, 0.1)])[0].startswith("None of these filters can be believed")
+    assert verdict([made("D", 0.1, 16.2), made("F", 0.2, 9.0)])[0].startswith("None of these filters can be believed")
+    # Caution is not dishonest: amber, and it can be used.
+    careful = verdict([made("D", 0.1, 16.2), made("E", 0.2, 0.1)])[0]
+    assert careful == "Take E, the only one that can be used, though it is too cautious: position RMSE 0.2 m."
+    assert verdict([made("E", 0.2, 0.3)])[0] == "E can be used, though it is too cautious: position RMSE 0.2 m."
+    record, outcomes, _ = tracked
+    assert 'class="verdict open"' in page(record, outcomes[:1], [made("EKF", 0.2, 0.3)])
+    few = made("G", 0.1, 1.2, nis_ratio=(0.5, 3.0), components=20, measurements=20)
+    assert verdict([few, made("D", 0.1, 16.2)])[0] == (
+        "20 measured components are too few to say whether a covariance can be believed; about 300 would tell. "
+        "So far G has the smallest position RMSE, 0.1 m, of those that may be believed."
+    )
     assert verdict([made("A", 0.5, 1.0)])[0] == "A can be used: position RMSE 0.5 m."
     assert verdict([made("A", 0.5, 1.0), made("D", 0.1, 9.0)])[0].startswith("Take A, the only one whose covariance")
     # Without truth the likelihood decides.

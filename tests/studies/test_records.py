@@ -63,7 +63,7 @@ def folder(tmp_path, monkeypatch):
 def test_a_record_is_a_study_with_its_own_times_and_gaps(folder):
     (study,) = load_studies("radar.toml")
     record = load("radar.toml")
-    assert (study.name, study.steps, list(study.filters)) == ("radar", 30, ["EKF"])
+    assert (study.name, study.steps, list(study.filters)) == ("radar-study", 30, ["EKF"])
     np.testing.assert_array_equal(study.elapsed, record.dt[0])
     drawn = draw(study, 1, 0)
     for sensor, z in drawn.z.items():

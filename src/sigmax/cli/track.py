@@ -21,7 +21,9 @@ from sigmax.records.suggest import propose
 from sigmax.reports import Grade, Score, check_folder, grade, score, verdict, write
 from sigmax.reports.verdict import nis_in_words, significant
 
-_COLOUR = {Grade.CONSISTENT: "green", Grade.NEAR: "yellow"}
+_COLOUR = {Grade.CONSISTENT: "green"} | dict.fromkeys(
+    (Grade.NEAR, Grade.HEAVY, Grade.CAUTIOUS, Grade.UNKNOWN), "yellow"
+)
 
 
 def track_record(name: str | Record, filters: Sequence[str], out: Path | None, data: Path | None = None) -> None:

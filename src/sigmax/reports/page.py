@@ -17,7 +17,7 @@ from sigmax.reports.verdict import RULES, Grade, best, grade, nis_in_words, sign
 
 # Tracks whose components are drawn; the folder's estimates hold all of them.
 _TRACKS = 24
-_CLASS = {Grade.CONSISTENT: "good", Grade.NEAR: "near"}
+_CLASS = {Grade.CONSISTENT: "good"} | dict.fromkeys((Grade.NEAR, Grade.HEAVY, Grade.CAUTIOUS, Grade.UNKNOWN), "near")
 
 
 def page(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> str:
@@ -59,7 +59,10 @@ def _verdict(record: Record, scores: Sequence[Score]) -> str:
         found = [_estimate(record, name, *value) for name, value in chosen.constants.items()]
         sentences = [*sentences, f"{chosen.label} found {', '.join(found)}."]
     items = "".join(f"<li>{escape(s)}</li>" for s in sentences)
-    kind = "verdict" if chosen is not None else "verdict none"
+    graded = {grade(s) for s in scores}
+    kind = "verdict" if chosen is not None and grade(chosen).believable else "verdict none"
+    if kind != "verdict" and graded & {Grade.HEAVY, Grade.CAUTIOUS, Grade.UNKNOWN}:
+        kind = "verdict open"
     return f'<section class="{kind}"><p class="lead">{escape(headline)}</p><ul>{items}</ul></section>'
 
 

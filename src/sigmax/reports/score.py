@@ -1,16 +1,25 @@
 """What a trial is worth, in numbers."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtr, chdtri, ndtri
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.models.noise import takes
 from sigmax.records import Outcome, Record
+from sigmax.reports.shares import outside_if, ratio_bounds, share_bounds
 from sigmax.reports.told import told
 from sigmax.running import Fault, Result
+
+# The probability that a Gaussian is more than 4 σ off, and the share of steps of which so much is too much.
+_FOUR_SIGMA, _OFTEN = 6.33e-5, 1e-3
+# What is said of tails is wrong with this probability.
+_MISS = 1e-3
+# Correlation of the size of a miss with the one before that is worth telling.
+_TOGETHER = 0.2
 
 
 @dataclass(frozen=True)
@@ -25,6 +34,12 @@ class Score:
         mean_nis: over the steps with a measurement.
         expected_nis: the mean number of measured components in such a step: what an honest filter shows.
         nis_bounds: where 95 of 100 honest filters lie.
+        nis_ratio: between what the real variance of the misses lies, in units of the claimed one, with 99 %.
+        components: number of measured components in all steps.
+        beyond: number of steps whose miss is as improbable as one of 4 σ.
+        kurtosis: of the misses, whatever their size: 3 for a Gaussian.
+        heavy: whether the misses surely have longer tails than those of a Gaussian.
+        stretches: correlation of the size of a miss with that of the one before, None where it may be small.
         measurements: number of steps with a measurement.
         log_likelihood: of all tracks together.
         faults: number of steps that were not sound.
@@ -43,6 +58,12 @@ class Score:
     mean_nis: float | None = None
     expected_nis: float | None = None
     nis_bounds: tuple[float, float] | None = None
+    nis_ratio: tuple[float, float] | None = None
+    components: int = 0
+    beyond: int = 0
+    kurtosis: float | None = None
+    heavy: bool = False
+    stretches: float | None = None
     measurements: int = 0
     log_likelihood: float | None = None
     faults: int = 0
@@ -78,6 +99,8 @@ def score(record: Record, outcome: Outcome) -> Score:
         expected_nis=total / count if count else None,
         nis_bounds=bounds,
         measurements=count,
+        components=total,
+        **misses(record.real, result.nis, result.dof),
         log_likelihood=float(np.sum(result.log_likelihood)),
         faults=faults,
         first_fault=first,
@@ -85,6 +108,39 @@ def score(record: Record, outcome: Outcome) -> Score:
         seconds=outcome.seconds,
         compile_seconds=outcome.compile_seconds,
     )
+
+
+def misses(real: np.ndarray, nis: np.ndarray, dof: np.ndarray) -> dict[str, Any]:
+    """What the NIS says beyond its mean, as fields of a `Score`: of tails, and of misses that come in stretches.
+
+    Args:
+        real: which steps are not padding (B, T).
+        nis: (B, T), NaN where nothing was measured.
+        dof: degrees of freedom (B, T).
+    """
+    heard = (dof > 0) & real
+    nis, dof = nis[heard].astype(float), dof[heard].astype(float)
+    N = len(nis)
+    if not N or not np.isfinite(nis).all():
+        return {}
+    ratio = nis.sum() / dof.sum()
+    beyond = int(np.count_nonzero(nis > chdtri(dof, _FOUR_SIGMA)))
+    often, _ = share_bounds(np.array(beyond), N, _MISS)
+    # As many near the middle as if the variances were half as large, though on the whole they are not: few large ones.
+    _, outer = share_bounds(np.array(np.count_nonzero(nis > chdtri(dof, 0.5))), N, _MISS)
+    narrow = outer < outside_if(0.5, 0.5, dof).mean() and ratio_bounds(nis.sum(), dof.sum(), _MISS)[0] > 0.5
+    size = np.full(real.shape, np.nan)
+    size[heard] = np.clip(ndtri(chdtr(dof, nis)), -3.0, 3.0)
+    pairs = size[:, 1:] * size[:, :-1]
+    pairs = pairs[np.isfinite(pairs)]
+    together = float(pairs.sum() / np.nansum(size**2)) if len(pairs) else 0.0
+    return {
+        "nis_ratio": ratio_bounds(float(nis.sum()), float(dof.sum()), 0.005),
+        "beyond": beyond,
+        "kurtosis": float(3 * (nis**2).mean() / (dof * (dof + 2)).mean() / ratio**2) if ratio > 0 else None,
+        "heavy": bool(often > _OFTEN or narrow),
+        "stretches": together if together - 3.3 / np.sqrt(N) > _TOGETHER else None,
+    }
 
 
 def rms(values: np.ndarray) -> float:

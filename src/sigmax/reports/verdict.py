@@ -5,6 +5,7 @@ from enum import Enum
 from math import ceil, log10, sqrt
 
 from sigmax.reports.score import Score
+from sigmax.reports.shares import ratio_bounds
 
 # Real sensors are never exactly what a model says: this factor on the mean NIS is let pass.
 _NEAR = 1.5
@@ -15,10 +16,15 @@ RULES = (
     "The NIS of a step weighs the miss of a measurement by the covariance the filter claims for it. "
     "The mean of an honest filter is the number of measured components, within bounds that hold for 95 of 100.",
     f"Within the bounds a filter is consistent; up to a factor of {_NEAR} beside what is expected it is plausible, "
-    "which is as much as real sensors allow; beyond that its covariance cannot be believed.",
+    "which is as much as real sensors allow. Beyond that it is too optimistic, and its covariance cannot be believed, "
+    "or too cautious: it can be used, but claims more error than it makes. Where the number of measurements does not "
+    "tell (with 99 %) on which side of that factor a filter is, the verdict is not known.",
+    "A mean says nothing of single misses. Tails are heavy if more than one step in a thousand surely misses by more "
+    "than 4 σ (of a Gaussian: one in 16 000), or if most misses are surely much smaller than the rest: noises that "
+    "were raised until the mean fits, over outliers, show so.",
     "The advice is the filter of the smallest position RMSE (without truth: of the largest likelihood) among those "
-    "that are consistent or plausible and had no faults; filters within 1 % of it (a log-likelihood "
-    "within 1) count as equally good.",
+    "that are consistent or plausible and had no faults, else among those with heavy tails or too much caution; "
+    "filters within 1 % of it (a log-likelihood within 1) count as equally good.",
 )
 
 
@@ -27,16 +33,22 @@ class Grade(Enum):
 
     CONSISTENT = "consistent"
     NEAR = "plausible"
-    OVERCONFIDENT = "overconfident"
+    HEAVY = "heavy tails"
     CAUTIOUS = "too cautious"
+    UNKNOWN = "not known"
+    OPTIMISTIC = "too optimistic"
     FAULTY = "broke down"
     FAILED = "failed"
-    UNKNOWN = "not known"
 
     @property
     def believable(self) -> bool:
-        """Whether it is good enough to be advised."""
+        """Whether its covariance is what it says."""
         return self in (Grade.CONSISTENT, Grade.NEAR)
+
+    @property
+    def usable(self) -> bool:
+        """Whether it can be advised where none is believable: its errors are not larger than it claims."""
+        return self in (Grade.HEAVY, Grade.CAUTIOUS)
 
 
 def grade(score: Score) -> Grade:
@@ -45,20 +57,42 @@ def grade(score: Score) -> Grade:
         return Grade.FAILED
     if score.faults:
         return Grade.FAULTY
-    if score.mean_nis is None or score.expected_nis is None or score.nis_bounds is None:
+    if score.mean_nis is None or score.nis_ratio is None or score.nis_bounds is None:
         return Grade.UNKNOWN
-    low, high = score.nis_bounds
-    if low <= score.mean_nis <= high:
-        return Grade.CONSISTENT
+    return _by_ratio(score, *score.nis_ratio)
+
+
+def _by_ratio(score: Score, low: float, high: float) -> Grade:
+    assert score.nis_bounds is not None
+    assert score.mean_nis is not None
+    if low > _NEAR:
+        return Grade.OPTIMISTIC
+    if score.heavy:
+        return Grade.HEAVY
+    if high < 1 / _NEAR:
+        return Grade.CAUTIOUS
+    if low < 1 / _NEAR or high > _NEAR:
+        return Grade.UNKNOWN
+    least, most = score.nis_bounds
+    return Grade.CONSISTENT if least <= score.mean_nis <= most else Grade.NEAR
+
+
+def needed(score: Score) -> int | None:
+    """How many measured components would tell how far a filter can be believed; None if more than is reasonable."""
+    if score.nis_ratio is None or score.mean_nis is None or score.expected_nis is None:
+        return None
     ratio = score.mean_nis / score.expected_nis
-    if 1 / _NEAR <= ratio <= _NEAR:
-        return Grade.NEAR
-    return Grade.OVERCONFIDENT if ratio > 1 else Grade.CAUTIOUS
+    for count in (int(k * 10**e) for e in range(1, 6) for k in (1, 1.5, 2, 3, 5, 7)):
+        if count > score.components:
+            low, high = ratio_bounds(ratio * count, count, 0.005)
+            if low > _NEAR or high < 1 / _NEAR or (low >= 1 / _NEAR and high <= _NEAR):
+                return count
+    return None
 
 
 def best(scores: Sequence[Score]) -> Score | None:
     """The filter that is advised, None where none can be."""
-    good = [s for s in scores if grade(s).believable]
+    good = [s for s in scores if grade(s).believable] or [s for s in scores if grade(s).usable]
     if not good:
         return None
     least = min(map(_merit, good))
@@ -81,28 +115,46 @@ def _as_good(score: Score, chosen: Score) -> bool:
 def verdict(scores: Sequence[Score]) -> tuple[str, list[str]]:
     """A headline, and a sentence for each filter that needs one."""
     chosen = best(scores)
-    sentences = [_sentence(s) for s in scores if not grade(s).believable]
+    sentences = [_sentence(s) for s in scores if s is not chosen and not grade(s).believable]
     if chosen is None:
-        if scores and all(grade(s) is Grade.UNKNOWN for s in scores):
-            return "Nothing was measured, so nothing can be said about any filter.", sentences
-        only = f"{scores[0].label} cannot" if len(scores) == 1 else "None of these filters can"
-        return f"{only} be believed: the model, or its noises, need work.", sentences
+        return _nobody(scores), sentences
     rmse = chosen.rmse_position_m
     merit = "the largest likelihood" if rmse is None else f"position RMSE {significant(rmse)} m"
-    believed = [s for s in scores if grade(s).believable]
+    alike = [s for s in scores if (grade(s).believable if grade(chosen).believable else grade(s).usable)]
+    whose = "whose covariance can be believed" if grade(chosen).believable else "that can be used"
+    though = {Grade.CAUTIOUS: ", though it is too cautious", Grade.HEAVY: ", though its misses have heavy tails"}
+    said = though.get(grade(chosen), "")
     if len(scores) == 1:
-        headline = f"{chosen.label} can be used" + ("." if rmse is None else f": {merit}.")
-    elif len(believed) == 1:
-        headline = f"Take {chosen.label}, the only one whose covariance can be believed" + (
-            "." if rmse is None else f": {merit}."
-        )
+        headline = f"{chosen.label} can be used{said}" + ("." if rmse is None else f": {merit}.")
+    elif len(alike) == 1:
+        headline = f"Take {chosen.label}, the only one {whose}{said}" + ("." if rmse is None else f": {merit}.")
     else:
         smallest = "" if rmse is None else ", the smallest"
-        headline = f"Take {chosen.label}: {merit}{smallest} of the {len(believed)} whose covariance can be believed."
-    equal = [s.label for s in believed if s is not chosen and _as_good(s, chosen)]
+        headline = f"Take {chosen.label}{said}: {merit}{smallest} of the {len(alike)} {whose}."
+    equal = [s.label for s in alike if s is not chosen and _as_good(s, chosen)]
     if equal:
         headline += f" {listed(equal)} {'is' if len(equal) == 1 else 'are'} equally good."
     return headline, [_sentence(chosen), *sentences]
+
+
+def _nobody(scores: Sequence[Score]) -> str:
+    """The headline where no filter is advised."""
+    graded = [grade(s) for s in scores]
+    if scores and all(g is Grade.UNKNOWN for g in graded) and not any(s.measurements for s in scores):
+        return "Nothing was measured, so nothing can be said about any filter."
+    if Grade.UNKNOWN in graded:
+        unknown = [s for s in scores if grade(s) is Grade.UNKNOWN]
+        counts = [n for n in map(needed, unknown) if n is not None]
+        more = f"; about {min(counts):,} would tell" if counts else ""
+        components = max(s.components for s in unknown)
+        least = min(unknown, key=_merit)
+        rmse = least.rmse_position_m
+        merit = "the largest likelihood" if rmse is None else f"the smallest position RMSE, {significant(rmse)} m,"
+        so_far = f" So far {least.label} has {merit} of those that may be believed." if len(scores) > 1 else ""
+        few = f"{components:,} measured components are too few to say whether a covariance can be believed"
+        return f"{few}{more}.{so_far}"
+    only = f"{scores[0].label} cannot" if len(scores) == 1 else "None of these filters can"
+    return f"{only} be believed: the model, or its noises, need work."
 
 
 def listed(names: Sequence[str]) -> str:
@@ -122,17 +174,30 @@ def _sentence(score: Score) -> str:
     seen = (
         f"{score.label}: mean NIS {significant(score.mean_nis)} against an expected {significant(score.expected_nis)}"
     )
-    factor = sqrt(score.mean_nis / score.expected_nis)
+    return " ".join([_of_the_mean(score, graded, seen), *_of_single_misses(score)])
+
+
+def _of_the_mean(score: Score, graded: Grade, seen: str) -> str:
+    factor = sqrt((score.mean_nis or 0.0) / (score.expected_nis or 1.0))
     if graded is Grade.CONSISTENT:
         return f"{seen}, within its bounds: its covariance can be believed."
     if graded is Grade.NEAR:
         side = "small" if factor > 1 else "large"
         return f"{seen}: close. The standard deviations it claims are about {abs(1 - factor) * 100:.0f} % too {side}."
+    if graded is Grade.HEAVY:
+        return (
+            f"{seen}, but its misses have heavy tails: most are smaller than it claims, a few much larger. Noises that "
+            "were fitted over outliers show so; gate or down-weight outliers, and fit the noises to the rest."
+        )
     if graded is Grade.CAUTIOUS:
         return (
             f"{seen}: too cautious. Measurements miss by {significant(factor)} times what it claims; "
-            "its noises are larger than the data show."
+            "lower R, or Q, which are larger than the data show. It can be used: it errs on the safe side."
         )
+    if graded is Grade.UNKNOWN:
+        more = needed(score)
+        told = f"; about {more:,} would tell" if more is not None else ""
+        return f"{seen}: {score.components:,} measured components are too few for a verdict{told}."
     error = (
         ""
         if score.rmse_position_m is None
@@ -142,6 +207,21 @@ def _sentence(score: Score) -> str:
         f"{seen}: this filter's covariance cannot be believed; its model lacks something. "
         f"Measurements miss by {significant(factor)} times what it claims.{error}"
     )
+
+
+def _of_single_misses(score: Score) -> list[str]:
+    """What the distribution of the misses adds to their mean."""
+    said = []
+    if grade(score) is Grade.HEAVY:
+        kurtosis = "" if score.kurtosis is None else f" (kurtosis {significant(score.kurtosis)}, of a Gaussian 3)"
+        steps = f"{score.beyond:,} of {score.measurements:,} steps miss by more than 4 σ"
+        said.append(f"{steps}{kurtosis}.")
+    if score.stretches is not None:
+        said.append(
+            f"Large misses come one after another (correlation {significant(score.stretches, 2)}): something that "
+            "lasts is not in the model, such as an offset."
+        )
+    return said
 
 
 def nis_in_words(score: Score) -> tuple[str, str]:

@@ -71,7 +71,7 @@ def load_studies(name: str, options: Mapping[str, str] | None = None) -> list[St
         return _listed(found)
     path = Path(name)
     if name.casefold() in builtin_records() or _is_record(path):
-        return [_with_defaults(_made(partial(of_record, load(name), path.stem), given, name))]
+        return [_with_defaults(_made(partial(of_record, load(name), f"{path.stem}-study"), given, name))]
     if given:
         raise InputError(f"{name} takes no options; {', '.join(given)} belongs to a named study")
     if name in BUILTIN:
