@@ -9,12 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.dependence.line import Call, Line, straightened
-from sigmax.native import Graph, Refused
-from sigmax.native.graph import Array, Table, array_of, boxed
+from sigmax.native import Defect, Graph, Refused
+from sigmax.native.graph import Array, array_of, boxed, numbers_of
 from sigmax.native.interpret import apply_rule
 from sigmax.native.node import Node
 from sigmax.native.operations import OPERATIONS
 from sigmax.native.pieces import needed
+from sigmax.native.refusal import say_once
 
 # Scalar operations in units of a multiplication.
 _COSTS = {"/": 5.0, "sqrt": 6.0, "table": 5.0, "atan2": 40.0, "pow": 40.0, "fmod": 30.0}
@@ -142,7 +143,7 @@ def reading(function: Callable[..., Any], n: int, rest: Sequence[Any] = (), dtyp
 
     specs = [jax.ShapeDtypeStruct(jnp.shape(a), jnp.result_type(a)) for a in rest]
     line = straightened(jax.make_jaxpr(given)(jax.ShapeDtypeStruct((n,), dtype), *specs))
-    g = Graph()
+    g = Graph(dtype)
     opaque: dict[int, float] = {}
     hidden: dict[int, Masks] = {}
     masks: list[Masks] = []
@@ -153,7 +154,9 @@ def reading(function: Callable[..., Any], n: int, rest: Sequence[Any] = (), dtyp
         arrays = [known[i] for i in call.inputs]
         try:
             made = apply_rule(g, call.equation, arrays)
-        except Refused:
+        except Refused as error:
+            if isinstance(error, Defect):
+                say_once(f"sigmax takes it that a function reads all it is given: {error}")
             _extend(masks, g, hidden)
             made = _hidden(g, call, arrays, masks, hidden, opaque)
         known |= zip(call.outputs, map(boxed, made), strict=True)
@@ -167,11 +170,11 @@ def reading(function: Callable[..., Any], n: int, rest: Sequence[Any] = (), dtyp
 def _known(g: Graph, place: int, value: Any) -> Array:
     if isinstance(value, jax.core.Tracer):
         return g.inputs(f"constant {place}", np.shape(value), True)
-    return g.constants(value)
+    return numbers_of(value, jnp.result_type(value))
 
 
 def _elements(array: Array, masks: Sequence[Masks]) -> list[Masks]:
-    return [] if isinstance(array, Table) else [masks[node.index] for node in array.flat]
+    return [] if array.dtype != object else [masks[node.index] for node in array.flat]
 
 
 def _together(found: Sequence[Masks]) -> Masks:

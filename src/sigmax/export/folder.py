@@ -18,6 +18,7 @@ from sigmax.models.fusion import Fused, name_of, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.native import Refused
+from sigmax.running.backend import natively
 from sigmax.running.edge import as_filter, cast, prepare, run_type
 from sigmax.running.fusing import how
 from sigmax.running.lowered import with_numbers
@@ -87,12 +88,13 @@ def export_c(
     inputs_count = 0 if u is None else len(u)
     low = with_numbers(ready.filter, apart, inputs_count, dtype)
     try:
-        programs = {"start": low.program("start"), "predict": low.program("predict")}
-        if model.fusion is None:
-            programs |= {s: low.program("correct", s, m) for s, m in sizes.items()}
-        else:
-            one = with_numbers(ready.filter, ready.model, inputs_count, dtype)
-            programs[""] = one.program("correct", name_of(model), sum(sizes.values()), _together(apart, sizes))
+        with natively():
+            programs = {"start": low.program("start"), "predict": low.program("predict")}
+            if model.fusion is None:
+                programs |= {s: low.program("correct", s, m) for s, m in sizes.items()}
+            else:
+                one = with_numbers(ready.filter, ready.model, inputs_count, dtype)
+                programs[""] = one.program("correct", name_of(model), sum(sizes.values()), _together(apart, sizes))
     except Refused as error:
         raise InputError(f"this model cannot be exported: {error}") from error
     parts = {s: identifiers(model.measurement[s] or [f"z{i}" for i in range(m)]) for s, m in sizes.items()}

@@ -14,6 +14,7 @@ from sigmax.forms import block
 from sigmax.native import Refused, Unavailable
 from sigmax.native.calls import extension
 from sigmax.rules.linearization import Linearization
+from sigmax.running.backend import natively
 from sigmax.running.mapped import bound
 
 # Multiplications, about: beyond it compiling takes longer than a second, and LAPACK is quick enough.
@@ -76,7 +77,8 @@ def _bound(function: Callable[..., Any], shapes: tuple[Shape, ...], kind: type[A
     if rows * rows * columns > _LARGEST or extension() is None:
         return None
     try:
-        return bound(function, shapes, kind)
+        with natively():
+            return bound(function, shapes, kind)
     except (Refused, Unavailable):
         return None
 

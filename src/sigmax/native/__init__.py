@@ -3,15 +3,16 @@
 Nothing here knows what a filter is.
 """
 
-from sigmax.native import elementwise, indexing, structure
+from sigmax.native import elementwise, indexing, integer_rules, integer_types, linear_algebra, structure
 from sigmax.native.build import Unavailable
 from sigmax.native.graph import Graph
 from sigmax.native.interpret import evaluate
 from sigmax.native.machine import compiler
 from sigmax.native.pieces import Program
-from sigmax.native.refusal import Refused
+from sigmax.native.refusal import Defect, Refused
 
 __all__ = [
+    "Defect",
     "Graph",
     "Program",
     "Refused",
@@ -20,5 +21,8 @@ __all__ = [
     "elementwise",
     "evaluate",
     "indexing",
+    "integer_rules",
+    "integer_types",
+    "linear_algebra",
     "structure",
 ]

@@ -1,10 +1,11 @@
 """Rules of what acts on each element, of reductions and of products."""
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from sigmax.native.graph import Array, Graph, boxed
@@ -36,24 +37,25 @@ def each(g: Graph, operation: str) -> Callable[..., Array]:
     return np.frompyfunc(functools.partial(g.apply, operation), OPERATIONS[operation].arity, 1)
 
 
-def _floating(equation: Any) -> bool:
-    return bool(jnp.issubdtype(equation.outvars[0].aval.dtype, jnp.floating))
-
-
-@rule(*_DIRECT)
+@rule(*_DIRECT, integers=False)
 def _direct(g: Graph, equation: Any, *arrays: Array) -> Array:
-    name = equation.primitive.name
-    if equation.outvars[0].aval.dtype == bool and name in ("max", "min"):
-        return each(g, "or" if name == "max" else "and")(*arrays)
-    return each(g, _DIRECT[name])(*(_numbers(g, a) for a in arrays))
+    name, truth = equation.primitive.name, equation.invars[0].aval.dtype == bool
+    if truth and equation.outvars[0].aval.dtype == bool and name in _OF_TRUTH:
+        return each(g, _OF_TRUTH[name])(*arrays)
+    if truth and name not in ("lt", "le", "gt", "ge", "eq", "ne"):
+        raise Refused(f"the operation {name!r} on truth values cannot be lowered to C")
+    return each(g, _DIRECT[name])(*(as_numbers(g, a) for a in arrays))
 
 
-def _numbers(g: Graph, a: Array) -> Array:
+_OF_TRUTH = {"max": "or", "min": "and", "add": "or", "mul": "and", "ne": "xor"}
+
+
+def as_numbers(g: Graph, a: Array) -> Array:
     """Truth values as 0 and 1, numbers as they are."""
     return np.frompyfunc(lambda x: g.apply("select", x, g.constant(1.0), g.constant(0.0)) if x.truth else x, 1, 1)(a)
 
 
-@rule("lt_to", "le_to")
+@rule("lt_to", "le_to", integers=False)
 def _total_order(g: Graph, equation: Any, a: Array, b: Array) -> Array:
     """The order in which NaN comes after everything."""
     plain = each(g, "<" if equation.primitive.name == "lt_to" else "<=")(a, b)
@@ -63,103 +65,106 @@ def _total_order(g: Graph, equation: Any, a: Array, b: Array) -> Array:
     return each(g, "or")(plain, last)
 
 
-@rule("div")
+@rule("div", integers=False)
 def _div(g: Graph, equation: Any, a: Array, b: Array) -> Array:
-    quotient = each(g, "/")(a, b)
-    return quotient if _floating(equation) else each(g, "trunc")(quotient)
+    return each(g, "/")(a, b)
 
 
-@rule("rem")
+@rule("rem", integers=False)
 def _rem(g: Graph, equation: Any, a: Array, b: Array) -> Array:
     return each(g, "fmod")(a, b)
 
 
-@rule("and", "or", "xor", "not")
+@rule("and", "or", "xor", "not", integers=False)
 def _logic(g: Graph, equation: Any, *arrays: Array) -> Array:
-    if equation.outvars[0].aval.dtype != bool:
-        if not all(x.known for a in arrays for x in a.flat):
-            raise Refused("operations on the bits of computed integers cannot be lowered to C")
-        name = {"and": np.bitwise_and, "or": np.bitwise_or, "xor": np.bitwise_xor, "not": np.invert}
-        values = [np.array([int(x.value) for x in a.flat]).reshape(a.shape) for a in arrays]
-        return g.constants(name[equation.primitive.name](*values))
     return each(g, equation.primitive.name)(*arrays)
 
 
-@rule("square")
+@rule("square", integers=False)
 def _square(g: Graph, equation: Any, a: Array) -> Array:
     return each(g, "*")(a, a)
 
 
-@rule("rsqrt")
+@rule("rsqrt", integers=False)
 def _rsqrt(g: Graph, equation: Any, a: Array) -> Array:
     return each(g, "/")(g.constants(1.0), each(g, "sqrt")(a))
 
 
-@rule("logistic")
+@rule("logistic", integers=False)
 def _logistic(g: Graph, equation: Any, a: Array) -> Array:
     grown = each(g, "exp")(each(g, "negative")(a))
     return each(g, "/")(g.constants(1.0), each(g, "+")(grown, g.constants(1.0)))
 
 
-@rule("integer_pow")
+@rule("integer_pow", parameters="y", integers=False)
 def _integer_pow(g: Graph, equation: Any, a: Array) -> Array:
     exponent = equation.params["y"]
-    times, result, power, left = each(g, "*"), None, a, abs(exponent)
-    while left:
-        if left & 1:
+    result = multiplied_out(g, each(g, "*"), a, abs(exponent))
+    return result if exponent >= 0 else each(g, "/")(g.constants(1.0), result)
+
+
+def multiplied_out(g: Graph, times: Callable[..., Array], power: Array, exponent: int) -> Array:
+    """A power by squares."""
+    result = None
+    while exponent:
+        if exponent & 1:
             result = power if result is None else times(result, power)
-        left >>= 1
-        power = times(power, power) if left else power
-    if result is None:
-        return g.constants(np.ones(a.shape))
-    return result if exponent > 0 else each(g, "/")(g.constants(1.0), result)
+        exponent >>= 1
+        power = times(power, power) if exponent else power
+    return g.constants(np.ones(power.shape)) if result is None else result
 
 
-@rule("round")
+@rule("round", parameters="rounding_method", integers=False)
 def _round(g: Graph, equation: Any, a: Array) -> Array:
     to_even = int(equation.params["rounding_method"]) == 1
     return each(g, "rint" if to_even else "round")(a)
 
 
-@rule("clamp")
+@rule("clamp", integers=False)
 def _clamp(g: Graph, equation: Any, low: Array, a: Array, high: Array) -> Array:
     return each(g, "min")(each(g, "max")(a, low), high)
 
 
-@rule("select_n")
+@rule("select_n", any_width=True)
 def _select_n(g: Graph, equation: Any, which: Array, *cases: Array) -> Array:
     select = each(g, "select")
     if equation.invars[0].aval.dtype == bool:
-        return select(which, cases[1], cases[0])
+        return select(which, cases[1], cases[0]) if len(cases) == 2 else cases[0]
+    certain = np.frompyfunc(g.certain, 1, 1)(which)
     result = cases[-1]
     for number in range(len(cases) - 2, -1, -1):
-        result = select(each(g, "<=")(which, g.constants(float(number))), cases[number], result)
+        result = select(each(g, "<=")(certain, g.constants(float(number))), cases[number], result)
     return result
 
 
-@rule("convert_element_type")
+@rule("convert_element_type", parameters="new_dtype weak_type", any_width=True, integers=False)
 def _convert(g: Graph, equation: Any, a: Array) -> Array:
     before, after = equation.invars[0].aval.dtype, equation.outvars[0].aval.dtype
-    if before == after:
+    if before.kind == after.kind:
+        if after.itemsize < before.itemsize:
+            g.check_type(after)
         return a
-    if before.kind == "b":
-        return each(g, "select")(a, g.constants(1.0), g.constants(0.0))
-    if after.kind == "b":
-        return each(g, "!=")(a, g.constants(0.0))
-    if jnp.issubdtype(before, jnp.floating) and jnp.issubdtype(after, jnp.integer):
-        return each(g, "trunc")(a)
-    if not (jnp.issubdtype(after, jnp.floating) or jnp.issubdtype(after, jnp.integer)):
-        raise Refused(f"numbers of type {after} cannot be lowered to C")
-    return a
+    return as_numbers(g, a) if before.kind == "b" else each(g, "!=")(a, g.constants(0.0))
 
 
-@rule("copy", "copy_p", "stop_gradient", "device_put", "reduce_precision", "optimization_barrier", "name", "pvary")
+_COPIES = ("copy", "copy_p", "stop_gradient", "device_put", "optimization_barrier", "name", "pvary")
+
+
+@rule(*_COPIES, parameters="name device devices srcs copy_semantics", moves=True)
 def _unchanged(g: Graph, equation: Any, *arrays: Array) -> Any:
     return list(arrays) if equation.primitive.multiple_results else arrays[0]
 
 
-def _reduced(g: Graph, operation: str, start: Any, a: Array, axes: tuple[int, ...]) -> Array:
-    combine = each(g, operation)
+@rule("reduce_precision", parameters="exponent_bits mantissa_bits", integers=False)
+def _reduce_precision(g: Graph, equation: Any, a: Array) -> Array:
+    bits, about = (equation.params["exponent_bits"], equation.params["mantissa_bits"]), np.finfo(g.dtype)
+    if bits[0] < about.nexp or bits[1] < about.nmant:
+        raise Refused(f"numbers of {bits[0]} bits of exponent and {bits[1]} of mantissa cannot be lowered to C")
+    return a
+
+
+def reduced(g: Graph, combine: Callable[..., Array], start: Any, a: Array, axes: tuple[int, ...]) -> Array:
+    """An array with elements combined along axes; the start where there are none."""
     for axis in sorted(axes, reverse=True):
         parts = [a.take(i, axis) for i in range(a.shape[axis])]
         a = functools.reduce(combine, parts) if parts else g.constants(np.full(np.delete(a.shape, axis), start))
@@ -176,51 +181,64 @@ _REDUCTIONS = {
     "reduce_or": ("or", False),
     "reduce_xor": ("xor", False),
 }
+_REDUCED_TRUTH = {"reduce_max": ("or", False), "reduce_min": ("and", True)}
 
 
-@rule(*_REDUCTIONS)
+@rule(*_REDUCTIONS, parameters="axes", integers=False)
 def _reduction(g: Graph, equation: Any, a: Array) -> Array:
-    operation, start = _REDUCTIONS[equation.primitive.name]
-    return _reduced(g, operation, start, a, equation.params["axes"])
-
-
-@rule("argmax", "argmin")
-def _arg(g: Graph, equation: Any, a: Array) -> Array:
-    (axis,) = equation.params["axes"]
-    a = _numbers(g, a)
-    better = each(g, ">" if equation.primitive.name == "argmax" else "<")
-    select = each(g, "select")
-    best, place = a.take(0, axis), g.constants(np.zeros(np.delete(a.shape, axis)))
-    for i in range(1, a.shape[axis]):
-        # The first NaN wins, as it does elsewhere.
-        one = a.take(i, axis)
-        nan = each(g, "and")(each(g, "!=")(one, one), each(g, "==")(best, best))
-        wins = each(g, "or")(better(one, best), nan)
-        best, place = select(wins, one, best), select(wins, g.constants(float(i)), place)
-    return place
+    name = equation.primitive.name
+    truth = equation.invars[0].aval.dtype == bool
+    if truth and name in ("reduce_sum", "reduce_prod"):
+        raise Refused(f"the operation {name!r} on truth values cannot be lowered to C")
+    operation, start = (_REDUCED_TRUTH if truth else {}).get(name, _REDUCTIONS[name])
+    return reduced(g, each(g, operation), start, a, equation.params["axes"])
 
 
 _RUNNING = {"cumsum": "+", "cumprod": "*", "cummax": "max", "cummin": "min"}
 
 
-@rule(*_RUNNING)
+@rule(*_RUNNING, parameters="axis reverse", integers=False)
 def _running(g: Graph, equation: Any, a: Array) -> Array:
-    axis, reverse = equation.params["axis"], equation.params["reverse"]
+    if equation.invars[0].aval.dtype == bool:
+        raise Refused(f"the operation {equation.primitive.name!r} on truth values cannot be lowered to C")
     combine = each(g, _RUNNING[equation.primitive.name])
-    parts = [a.take(i, axis) for i in range(a.shape[axis])]
+    return running(combine, a, equation.params["axis"], equation.params["reverse"])
+
+
+def running(combine: Callable[..., Array], a: Array, axis: int, reverse: bool) -> Array:
+    """An array in which each element is combined with all before it, or after it if `reverse`."""
+    parts = [a.take([i], axis) for i in range(a.shape[axis])]
     order = parts[::-1] if reverse else parts
     for i in range(1, len(order)):
         order[i] = combine(order[i - 1], order[i])
-    return np.stack(order[::-1] if reverse else order, axis)
+    return np.concatenate(order[::-1] if reverse else order, axis) if order else a
 
 
-@rule("dot_general")
+@rule("dot_general", parameters="dimension_numbers precision preferred_element_type", integers=False)
 def _dot_general(g: Graph, equation: Any, a: Array, b: Array) -> Array:
+    if equation.outvars[0].aval.dtype.kind == "b":
+        raise Refused("a product of truth values cannot be lowered to C")
+    return product(g, equation, each(g, "*"), each(g, "+"), as_numbers(g, a), as_numbers(g, b))
+
+
+def product(
+    g: Graph, equation: Any, times: Callable[..., Array], plus: Callable[..., Array], a: Array, b: Array
+) -> Array:
+    """A product of arrays over the axes that the equation names.
+
+    Raises:
+        Refused: where it is to be computed in a narrower type.
+    """
+    precision = equation.params["precision"]
+    for one in precision if isinstance(precision, tuple) else (precision,):
+        if not (one is None or isinstance(one, jax.lax.Precision)):
+            raise Refused(f"the operation 'dot_general' with precision={precision} cannot be lowered to C")
     (ca, cb), (ba, bb) = equation.params["dimension_numbers"]
     fa = [i for i in range(a.ndim) if i not in (*ca, *ba)]
     fb = [i for i in range(b.ndim) if i not in (*cb, *bb)]
     batch, rows, columns = [a.shape[i] for i in ba], [a.shape[i] for i in fa], [b.shape[i] for i in fb]
-    left = a.transpose(*ba, *fa, *ca).reshape(*batch, int(np.prod(rows)), 1, -1)
-    right = b.transpose(*bb, *fb, *cb).reshape(*batch, 1, int(np.prod(columns)), left.shape[-1])
-    made = _reduced(g, "+", 0.0, each(g, "*")(left, right), (left.ndim - 1,))
-    return made.reshape(*batch, *rows, *columns)
+    summed = math.prod(a.shape[i] for i in ca)
+    left = a.transpose(*ba, *fa, *ca).reshape(*batch, math.prod(rows), 1, summed)
+    right = b.transpose(*bb, *fb, *cb).reshape(*batch, 1, math.prod(columns), summed)
+    made = reduced(g, plus, 0.0, boxed(times(left, right)), (left.ndim - 1,))
+    return made.reshape((*batch, *rows, *columns))

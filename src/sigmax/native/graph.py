@@ -1,9 +1,11 @@
 """A step as a graph of scalar operations: known numbers folded, equal expressions made once."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from sigmax.native.node import Node
@@ -11,20 +13,18 @@ from sigmax.native.operations import OPERATIONS
 from sigmax.native.refusal import Refused
 from sigmax.native.simplify import RULES
 
-Array = Any  # of NumPy, dtype object: nodes; or a Table
+# Of NumPy: nodes (dtype object), or known numbers in the type that JAX gives them. Also a known array of JAX that NumPy
+# has no type for.
+Array = Any
 
-# Known numbers in greater number are kept as a table, not as nodes: a map has millions.
-_MOST_NODES, _MOST_OPENED = 2048, 1_000_000
-
-
-class Table(np.ndarray):
-    """Known numbers, float64, that stay numbers as long as they are only looked up or moved about."""
+# A map has millions of known numbers: no node for each.
+_MOST_OPENED = 1_000_000
 
 
 def boxed(made: Any) -> Array:
     """An array as it is, a single node as an array without axes: NumPy unpacks those."""
-    if isinstance(made, np.ndarray):
-        return made
+    if not isinstance(made, Node):
+        return made if hasattr(made, "dtype") and hasattr(made, "reshape") else np.asarray(made)
     array = np.empty((), dtype=object)
     array[()] = made
     return array
@@ -35,16 +35,38 @@ def array_of(nodes: Iterable[Node]) -> Array:
     return np.fromiter(nodes, dtype=object)
 
 
+def numbers_of(value: Any, dtype: Any) -> Array:
+    """A known value in the type that JAX gives it.
+
+    Raises:
+        Refused: for a number that is known at a later time alone.
+    """
+    if isinstance(value, jax.core.Tracer):
+        raise Refused("a number from outside that is being traced cannot be lowered to C")
+    return value if jnp.issubdtype(dtype, jax.dtypes.extended) else np.asarray(value, dtype)
+
+
 class Graph:
     """The nodes made so far.
 
     Attributes:
         nodes: in an order in which each comes after what it reads.
         tables: known numbers that are looked up by computed indices.
+        dtype: of its numbers, float64 or float32.
+        exact: integers up to this size are held exactly by numbers of this type.
+        uncertain: by index, integers that may have overflowed, and what is right where they have; None if nothing is.
+        intervals: between which numbers the nodes lie, as far as it was asked: see `interval`.
         label: what new nodes belong to.
+
+    Args:
+        dtype: of its numbers.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, dtype: Any = np.float64) -> None:
+        self.dtype = np.dtype(dtype)
+        self.exact = 2.0 ** (np.finfo(self.dtype).nmant + 1)
+        self.uncertain: dict[int, Node | None] = {}
+        self.intervals: list[tuple[float, float]] = []
         self.nodes: list[Node] = []
         self.tables: list[np.ndarray] = []
         self.label = ""
@@ -66,6 +88,9 @@ class Graph:
         if isinstance(value, bool | np.bool_):
             return self._node((bool, bool(value)), "constant", (bool(value),), True, True)
         number = float(value)
+        if self.dtype != np.float64:
+            with np.errstate(over="ignore"):
+                number = float(self.dtype.type(number))
         return self._node((float, number.hex()), "constant", (number,), False, True)
 
     def input(self, group: str, place: int, fixed: bool = False) -> Node:
@@ -78,31 +103,71 @@ class Graph:
         return array_of(made).reshape(shape)
 
     def constants(self, values: Any) -> Array:
-        """An array of known numbers, a `Table` where there are many."""
-        given = np.asarray(values)
-        if given.size > _MOST_NODES and given.dtype != bool:
-            return np.ascontiguousarray(given, float).view(Table)
-        return boxed(np.frompyfunc(self.constant, 1, 1)(given))
+        """Known numbers as an array of nodes."""
+        return boxed(np.frompyfunc(self.constant, 1, 1)(np.asarray(values)))
 
     def opened(self, array: Array) -> Array:
-        """An array with a node for each number, also of a table.
+        """An array with a node for each number, also of known numbers.
 
         Raises:
-            Refused: for a table that is too large for it.
+            Refused: for numbers of another type, or too many of them.
         """
-        if not isinstance(array, Table):
+        if array.dtype == object:
             return array
         if array.size > _MOST_OPENED:
             raise Refused(f"arithmetic on all of {array.size:,} known numbers cannot be lowered to C")
-        return boxed(np.frompyfunc(self.constant, 1, 1)(array.view(np.ndarray)))
+        self.check_type(array.dtype, any_width=True)
+        if array.dtype.kind in "iu" and array.size and max(abs(int(array.min())), abs(int(array.max()))) > self.exact:
+            raise Refused(f"integers beyond {self.exact:.0f} cannot be lowered to C")
+        return self.constants(array)
+
+    def alike(self, arrays: Sequence[Array]) -> list[Array]:
+        """Arrays as they are if all are known numbers, else opened."""
+        if all(a.dtype != object for a in arrays):
+            return list(arrays)
+        return [self.opened(a) for a in arrays]
+
+    def known(self, array: Array, dtype: Any) -> Array:
+        """An array of nodes as numbers of this type if all are known, else as it is."""
+        if array.dtype != object or not all(x.operation == "constant" for x in array.flat):
+            return array
+        return np.array([x.arguments[0] for x in array.flat], np.dtype(dtype)).reshape(array.shape)
+
+    def check_type(self, dtype: Any, any_width: bool = False) -> None:
+        """Let through floats, integers and truth values.
+
+        Floats are computed in the type of the graph, which may be narrower than JAX's, never wider: rounding to less
+        is what somebody asks for. Of `any_width` they may be where they stay as they are.
+
+        Raises:
+            Refused: for any other type.
+        """
+        if dtype.kind == "f" and not any_width and dtype.itemsize < self.dtype.itemsize:
+            raise Refused(f"numbers of type {dtype} among those of type {self.dtype} cannot be lowered to C")
+        if dtype.kind not in "fiub":
+            raise Refused(f"numbers of type {dtype} cannot be lowered to C")
+
+    def certain(self, integer: Node) -> Node:
+        """An integer that is right also where it has overflowed.
+
+        Raises:
+            Refused: where there is none.
+        """
+        found = self.uncertain.get(integer.index, integer)
+        if found is None:
+            raise Refused(f"integers that may grow beyond {self.exact:.0f} cannot be lowered to C")
+        return found
 
     def known_numbers(self, array: Array) -> np.ndarray | None:
-        """The numbers of an array of constants, row by row; None where one of them is computed."""
-        if isinstance(array, Table):
-            return self._numbers.setdefault(id(array), (array, array.view(np.ndarray).ravel()))[1]
+        """The numbers of an array, row by row; None where one of them is computed."""
         if id(array) not in self._numbers:
-            known = all(x.operation == "constant" for x in array.flat)
-            self._numbers[id(array)] = array, np.array([float(x.value) for x in array.flat]) if known else None
+            if array.dtype != object:
+                self.check_type(array.dtype, any_width=True)
+                found = array.ravel()
+            else:
+                known = all(x.operation == "constant" for x in array.flat)
+                found = np.array([float(x.value) for x in array.flat]) if known else None
+            self._numbers[id(array)] = array, found
         return self._numbers[id(array)][1]
 
     def divided_by(self, denominator: Node) -> bool:
@@ -126,6 +191,23 @@ class Graph:
         """
         if operation == "select" and arguments[1].truth:
             operation = "select truth"
+        if self.uncertain and operation == "select":
+            return self._chosen(*arguments)
+        return self._applied(operation, *arguments)
+
+    def _chosen(self, p: Node, x: Node, y: Node) -> Node:
+        """A choice is uncertain where a chosen integer may be."""
+        y = self.uncertain.get(y.index, y) or y
+        # Of an index counted from the end nothing overflows where it is chosen.
+        back = p.operation == "<" and p.arguments[0] is y and p.arguments[1].known and p.arguments[1].value == 0
+        back = back and x.operation == "+" and y in x.arguments and any(a.known and a.value >= 0 for a in x.arguments)
+        x = x if back else self.uncertain.get(x.index, x) or x
+        made = self._applied("select", p, x, y)
+        if not made.known and ((not back and x.index in self.uncertain) or y.index in self.uncertain):
+            self.uncertain[made.index] = None
+        return made
+
+    def _applied(self, operation: str, *arguments: Node) -> Node:
         known = self._made.get((operation, *(a.index for a in arguments)))
         if known is not None:
             return known

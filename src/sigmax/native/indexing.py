@@ -1,5 +1,6 @@
 """Rules of indexing, with known and with computed indices."""
 
+import functools
 from collections.abc import Iterable, Sequence
 from itertools import product
 from typing import Any
@@ -7,7 +8,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from sigmax.native.graph import Array, Graph, Table
+from sigmax.native.graph import Array, Graph
+from sigmax.native.integers import Binary, combining, compared
 from sigmax.native.interpret import rule
 from sigmax.native.node import Node
 from sigmax.native.refusal import Refused
@@ -19,7 +21,7 @@ _MOST_CHOICES = 512
 def _clipped(g: Graph, start: Node, largest: int) -> Node:
     if largest <= 0:
         return g.constant(0.0)
-    return g.apply("min", g.apply("max", start, g.constant(0.0)), g.constant(float(largest)))
+    return compared(g, "min", compared(g, "max", start, g.constant(0.0)), g.constant(float(largest)))
 
 
 def _window(g: Graph, a: Array, starts: Sequence[Node], sizes: Sequence[int]) -> Array:
@@ -37,9 +39,10 @@ def _window(g: Graph, a: Array, starts: Sequence[Node], sizes: Sequence[int]) ->
         for place in np.ndindex(out.shape):
             offset = float(sum(i * s for i, s in zip(place, strides, strict=True)))
             out[place] = g.look_up(table, g.apply("+", first, g.constant(offset)))
-        if not isinstance(a, Table) and a.flat[0].truth:
+        if table.dtype == bool or (a.dtype == object and a.flat[0].truth):
             out = np.frompyfunc(lambda x: g.apply("!=", x, g.constant(0.0)), 1, 1)(out)
         return out
+    a = g.opened(a)
     choices = [[int(s.value)] if s.known else range(n - k + 1) for s, n, k in zip(starts, a.shape, sizes, strict=True)]
     if np.prod([len(c) for c in choices]) > _MOST_CHOICES:
         raise Refused(f"an index computed among more than {_MOST_CHOICES} computed values cannot be lowered to C")
@@ -63,12 +66,12 @@ def _all_equal(g: Graph, starts: Sequence[Node], at: Sequence[int]) -> Node:
     return here
 
 
-@rule("dynamic_slice", tables=True)
+@rule("dynamic_slice", parameters="slice_sizes", any_width=True, tables=True)
 def _dynamic_slice(g: Graph, equation: Any, a: Array, *starts: Array) -> Array:
-    return _window(g, a, [s[()] for s in starts], equation.params["slice_sizes"])
+    return _window(g, a, [g.opened(s)[()] for s in starts], equation.params["slice_sizes"])
 
 
-def _put(g: Graph, out: Array, starts: Sequence[Node], block: Array, operation: str | None) -> None:
+def _put(g: Graph, out: Array, starts: Sequence[Node], block: Array, operation: Binary | None) -> None:
     """Write (or combine) a block into an array at computed places."""
     largest = [n - k for n, k in zip(out.shape, block.shape, strict=True)]
     choices = [[int(s.value)] if s.known else range(most + 1) for s, most in zip(starts, largest, strict=True)]
@@ -81,11 +84,11 @@ def _put(g: Graph, out: Array, starts: Sequence[Node], block: Array, operation: 
             to = tuple(i + j for i, j in zip(at, place, strict=True))
             if not all(0 <= i < n for i, n in zip(to, out.shape, strict=True)):
                 continue
-            new = block[place] if operation is None else g.apply(operation, before[to], block[place])
+            new = block[place] if operation is None else operation(before[to], block[place])
             out[to] = g.apply("select", here, new, out[to])
 
 
-@rule("dynamic_update_slice")
+@rule("dynamic_update_slice", any_width=True)
 def _dynamic_update_slice(g: Graph, equation: Any, a: Array, block: Array, *starts: Array) -> Array:
     out = a.copy()
     inside = [_clipped(g, s[()], n - k) for s, n, k in zip(starts, a.shape, block.shape, strict=True)]
@@ -94,14 +97,22 @@ def _dynamic_update_slice(g: Graph, equation: Any, a: Array, block: Array, *star
 
 
 def _filled(equation: Any) -> bool:
-    return equation.params["mode"] == jax.lax.GatherScatterMode.FILL_OR_DROP
+    """Whether what lies outside is filled or dropped; else it is taken from inside.
+
+    Raises:
+        Refused: for another mode.
+    """
+    mode, modes = equation.params["mode"], jax.lax.GatherScatterMode
+    if mode not in (modes.FILL_OR_DROP, modes.CLIP, modes.PROMISE_IN_BOUNDS):
+        raise Refused(f"the operation {equation.primitive.name!r} with mode={mode} cannot be lowered to C")
+    return bool(mode == modes.FILL_OR_DROP)
 
 
 def _inside(g: Graph, starts: Sequence[Node], largest: Sequence[int]) -> Node:
     here = g.constant(True)
     for start, most in zip(starts, largest, strict=True):
-        here = g.apply("and", here, g.apply(">=", start, g.constant(0.0)))
-        here = g.apply("and", here, g.apply("<=", start, g.constant(float(most))))
+        here = g.apply("and", here, compared(g, ">=", start, g.constant(0.0)))
+        here = g.apply("and", here, compared(g, "<=", start, g.constant(float(most))))
     return here
 
 
@@ -122,7 +133,10 @@ def _starts(
     return starts
 
 
-@rule("gather", tables=True)
+_OF_GATHER = "dimension_numbers slice_sizes mode fill_value unique_indices indices_are_sorted"
+
+
+@rule("gather", parameters=_OF_GATHER, any_width=True, tables=True)
 def _gather(g: Graph, equation: Any, a: Array, indices: Array) -> Array:
     d, sizes = equation.params["dimension_numbers"], equation.params["slice_sizes"]
     indices = g.opened(indices)
@@ -148,9 +162,9 @@ def _gather(g: Graph, equation: Any, a: Array, indices: Array) -> Array:
 
 
 def _fill(g: Graph, equation: Any, x: Node) -> Node:
-    if x.truth:
-        return g.constant(True)
     given = equation.params.get("fill_value")
+    if x.truth:
+        return g.constant(given is None or bool(given))
     if given is not None:
         return g.constant(float(given))
     dtype = np.dtype(equation.outvars[0].aval.dtype)
@@ -174,10 +188,28 @@ _SCATTERS = {
 }
 
 
-@rule(*_SCATTERS)
+def _combination(g: Graph, equation: Any) -> Binary | None:
+    """What becomes of an element and its update; None where the update stands in its place."""
+    operation, function = _SCATTERS[equation.primitive.name], equation.params.get("update_jaxpr")
+    if operation is None:
+        replaces = function is None or (not function.eqns and function.outvars[0] is function.invars[1])
+        if not replaces:
+            raise Refused(f"the operation {equation.primitive.name!r} with its own function cannot be lowered to C")
+        return None
+    if equation.outvars[0].aval.dtype == bool:
+        raise Refused(f"the operation {equation.primitive.name!r} on truth values cannot be lowered to C")
+    if equation.outvars[0].aval.dtype.kind in "iu":
+        return combining(g, operation, equation.outvars[0].aval.dtype)
+    return functools.partial(g.apply, operation)
+
+
+_OF_SCATTER = "dimension_numbers mode update_jaxpr update_consts unique_indices indices_are_sorted"
+
+
+@rule(*_SCATTERS, parameters=_OF_SCATTER)
 def _scatter(g: Graph, equation: Any, a: Array, indices: Array, updates: Array) -> Array:
     d = equation.params["dimension_numbers"]
-    operation = _SCATTERS[equation.primitive.name]
+    operation = _combination(g, equation)
     out = a.copy()
     batch = indices.shape[:-1]
     windows = d.update_window_dims

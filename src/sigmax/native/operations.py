@@ -53,7 +53,21 @@ def _inlined(name: str, fold: Callable[..., Any], scalar: str = "", arity: int =
 
 
 def _away_from_zero(a: float) -> float:
-    return math.copysign(math.floor(abs(a) + 0.5), a)
+    if not math.isfinite(a):
+        return a
+    whole = math.floor(abs(a))
+    return math.copysign(whole + (abs(a) - whole >= 0.5), a)
+
+
+def _integer(a: float) -> float:
+    return math.copysign(math.inf, a) if math.isinf(a) else 0.0 if math.isnan(a) else math.trunc(a) + 0.0
+
+
+def _ordered(a: float, b: float, sign: float) -> float:
+    """The larger of two by sign, NaN if there is one; of two zeros by their signs."""
+    if math.isnan(a) or math.isnan(b):
+        return math.nan
+    return a if (sign * a, sign * math.copysign(1, a)) > (sign * b, sign * math.copysign(1, b)) else b
 
 
 OPERATIONS: dict[str, Operation] = {
@@ -77,8 +91,18 @@ OPERATIONS: dict[str, Operation] = {
     "select truth": Operation(
         lambda p, a, b: a if p else b, "({0} & {1}) | (~{0} & {2})", "{0} ? {1} : {2}", truth=True
     ),
-    "max": _inlined("max", np.maximum, "({0} > {1} || {0} != {0}) ? {0} : {1}", 2),
-    "min": _inlined("min", np.minimum, "({0} < {1} || {0} != {0}) ? {0} : {1}", 2),
+    "max": _inlined(
+        "max",
+        lambda a, b: _ordered(a, b, 1.0),
+        "({0} > {1} || {0} != {0} || ({0} == {1} && !signbit({0}))) ? {0} : {1}",
+        2,
+    ),
+    "min": _inlined(
+        "min",
+        lambda a, b: _ordered(a, b, -1.0),
+        "({0} < {1} || {0} != {0} || ({0} == {1} && signbit({0}))) ? {0} : {1}",
+        2,
+    ),
     "abs": _inlined("abs", np.abs, "fabs({0})"),
     "sqrt": _inlined("sqrt", np.sqrt),
     "rint": _inlined("rint", np.rint),
@@ -86,7 +110,11 @@ OPERATIONS: dict[str, Operation] = {
     "ceil": _inlined("ceil", np.ceil),
     "trunc": _inlined("trunc", np.trunc),
     "round": _inlined("round", _away_from_zero),
-    "sign": _inlined("sign", np.sign, "{0} > 0 ? 1 : {0} < 0 ? -1 : {0}"),
+    # A number as an integer, NaN as 0, no zero with a sign; and two integers divided, the rest dropped.
+    "integer": _inlined("integer", _integer, "({0} == {0} ? trunc({0}) : 0) + 0"),
+    "quotient": _inlined("quotient", lambda a, b: np.trunc(np.divide(a, b)), "trunc({0} / {1})", 2),
+    "unsigned zero": Operation(lambda a: a + 0.0, "{0} + K(0)", "{0} + 0"),
+    "sign": _inlined("sign", lambda a: np.sign(a) if a else a, "{0} > 0 ? 1 : {0} < 0 ? -1 : {0}"),
     "fmod": _function("fmod", np.fmod, 2),
     "sin": _function("sin", np.sin),
     "cos": _function("cos", np.cos),

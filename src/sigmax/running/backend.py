@@ -1,18 +1,18 @@
 """Which engine computes: steps compiled by a C compiler, or XLA."""
 
-import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import jax
 
 from sigmax.errors import InputError, unknown
 from sigmax.models.opaque import failures_raised
-from sigmax.native import Refused, Unavailable, compiler
+from sigmax.native import Defect, Refused, Unavailable, compiler
+from sigmax.native.refusal import defects_raised, say_once, user_line
 
 BACKENDS = ("native", "xla")
-_told: set[str] = set()
 
 
 def attempt(backend: str | None, traced: bool, native: Callable[[], Any], xla: Callable[[], Any]) -> Any:
@@ -39,11 +39,30 @@ def attempt(backend: str | None, traced: bool, native: Callable[[], Any], xla: C
         return xla()
     if asked == "native" or (asked is None and jax.default_backend() == "cpu" and compiler() is not None):
         try:
-            return native()
+            with natively():
+                return native()
         except (Refused, Unavailable) as error:
             native_failed(asked, error)
     with failures_raised():
         return xla()
+
+
+@contextmanager
+def natively() -> Iterator[None]:
+    """What nobody foresaw is a refusal of the native engine, so that another takes over.
+
+    Raises:
+        Defect: for it, unless defects are to be raised as they are. What comes out of the model's own functions is no
+            defect.
+    """
+    try:
+        yield
+    except (Refused, Unavailable, InputError):
+        raise
+    except Exception as error:
+        if defects_raised() or user_line(error):
+            raise
+        raise Defect.of("the native engine", error) from error
 
 
 def native_failed(backend: str | None, error: Exception) -> None:
@@ -54,6 +73,4 @@ def native_failed(backend: str | None, error: Exception) -> None:
     """
     if (backend or os.environ.get("SIGMAX_BACKEND")) == "native":
         raise InputError(f"the native engine cannot run this: {error}") from error
-    if str(error) not in _told:
-        _told.add(str(error))
-        logging.getLogger("sigmax").warning("sigmax uses XLA, which is slower: %s", error)
+    say_once(f"sigmax uses XLA, which is slower: {error}")

@@ -15,6 +15,7 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.native import Graph, Program, Refused, Unavailable, compiler, evaluate
 from sigmax.native.driver import Rows, driver, over_cores, pointer, series, steps
 from sigmax.rules import Rule
+from sigmax.running.backend import natively
 
 _TRACKS = 1024
 # Rounds in turn: as many as a second allows, on a busy machine the more the better.
@@ -40,7 +41,8 @@ def seconds_of(
     try:
         if compiler() is None:
             raise Unavailable("there is no C compiler")
-        runs = _native(rules, function, rest, angular, x, S)
+        with natively():
+            runs = _native(rules, function, rest, angular, x, S)
     except (Refused, Unavailable):
         runs = [(_on_xla(rule, function, rest, angular, x, S), None) for rule in rules]
 

@@ -12,7 +12,7 @@ from sigmax.models.fusion import Fused
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.native import Refused, Unavailable
-from sigmax.running.backend import attempt, native_failed
+from sigmax.running.backend import attempt, native_failed, natively
 from sigmax.running.covariances import covariances
 from sigmax.running.edge import as_filter, cast, joined, run_type, typed
 from sigmax.running.fusing import Members, with_members_live
@@ -232,7 +232,8 @@ class Live:
             raise InputError(_SHARED)
         self._busy = True
         try:
-            return getattr(self._state, what)(*arguments)
+            with natively():
+                return getattr(self._state, what)(*arguments)
         except (Refused, Unavailable) as error:
             self._fall_back(error)
             return getattr(self._state, what)(*arguments)

@@ -123,7 +123,7 @@ class Lowered:
 
     def _start(self) -> Program:
         """Mean and covariance, row by row below the diagonal -> belief, and whether it is one."""
-        g = Graph()
+        g = Graph(self.dtype)
         n = self.n
         mean, lower = self._given(g, (n,), (n * (n + 1) // 2,))
         cov = np.empty((n, n), dtype=object)
@@ -140,7 +140,7 @@ class Lowered:
         return self._program(function, {"given": [mean, cov]}, g, made)
 
     def _predict(self) -> Program:
-        g = Graph()
+        g = Graph(self.dtype)
 
         def function(model: Model, mean: Any, factor: Any, dt: Any, *u: Any) -> Any:
             belief, fault = predict(
@@ -156,7 +156,7 @@ class Lowered:
 
     def _correct(self, sensor: str, size: int, together: Callable[[Any, Any], Fused] | None = None) -> Program:
         """A measurement (m,), or what several sensors measured, put together before: (z, u) -> the one it makes."""
-        g = Graph()
+        g = Graph(self.dtype)
 
         def function(model: Model, mean: Any, factor: Any, z: Any, *inputs: Any) -> Any:
             u = inputs[0] if inputs else None
@@ -180,7 +180,7 @@ class Lowered:
 
     def _back(self) -> Program:
         """A step of the smoother: the filtered state, the smoothed later one -> the smoothed one."""
-        g = Graph()
+        g = Graph(self.dtype)
 
         def function(
             model: Model, mean: Any, factor: Any, later: Any, later_factor: Any, dt: Any, fault: Any, *u: Any

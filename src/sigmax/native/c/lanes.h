@@ -78,8 +78,15 @@ INLINE M v_truth(V a) { return v_unequal(a, K(0)); }
 
 INLINE V v_abs(V a) { return (V)((B)a & ((B){0} + BITS_OF_SIZE)); }
 INLINE M v_finite(V a) { return v_less(v_abs(a), K(__builtin_inf())); }
-INLINE V v_max(V a, V b) { return v_select(v_less(b, a) | v_unequal(a, a), a, b); }
-INLINE V v_min(V a, V b) { return v_select(v_less(a, b) | v_unequal(a, a), a, b); }
+/* Of two zeros the larger is the one without a sign. */
+INLINE V v_max(V a, V b) {
+    V either = v_select(v_equal(a, b), (V)((B)a & (B)b), b);
+    return v_select(v_less(b, a) | v_unequal(a, a), a, either);
+}
+INLINE V v_min(V a, V b) {
+    V either = v_select(v_equal(a, b), (V)((B)a | (B)b), b);
+    return v_select(v_less(a, b) | v_unequal(a, a), a, either);
+}
 INLINE V v_sign(V a) { return v_select(v_less(K(0), a), K(1), v_select(v_less(a, K(0)), K(-1), a)); }
 
 #define EACH(name, expression)                  \
@@ -115,11 +122,16 @@ EACH(v_ceil, SUFFIX(ceil)(x))
 EACH(v_trunc, SUFFIX(trunc)(x))
 #endif
 
-/* Halves away from zero. */
+/* Halves away from zero; zeros keep their sign. */
 INLINE V v_round(V a) {
-    V size = v_trunc(v_abs(a) + K(0.5));
-    return v_select(v_less(a, K(0)), -size, size);
+    V size = v_abs(a), whole = v_trunc(size);
+    V up = v_select(v_at_most(K(0.5), size - whole), whole + K(1), whole);
+    return (V)((B)up | ((B)a & ~((B){0} + BITS_OF_SIZE)));
 }
+
+/* Integers: NaN is 0, and no zero has a sign. */
+INLINE V v_integer(V a) { return v_select(v_equal(a, a), v_trunc(a) + K(0), K(0)); }
+INLINE V v_quotient(V a, V b) { return v_trunc(a / b); }
 
 /* Apart, for compilers fuse multiplications with additions of the same block alone, and a loop ends it. */
 static __attribute__((noinline)) V v_look_up(const R *table, V at) {
