@@ -1,10 +1,13 @@
 """What can go wrong around a compiler: every time a right answer, and at most one line of warning."""
 
+import errno
 import logging
 import os
+import pathlib
 import stat
 import subprocess
 import sys
+import tempfile
 
 import jax
 import jax.numpy as jnp
@@ -97,7 +100,67 @@ def test_a_compiler_that_fails_costs_one_line(tmp_path, right, script):
 
 def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, right):
     (tmp_path / "cache").write_text("a file where the folder should be")
-    assert filtered(tmp_path) == (pytest.approx(right, rel=1e-12), "")
+    value, warned = filtered(tmp_path)
+    assert value == pytest.approx(right, rel=1e-12)
+    assert len(warned.splitlines()) == 1
+    assert "compiles for this process alone" in warned
+
+
+def _damage(cache):
+    """Ways in which a cache is not to be trusted or used; each is done to one that was used before."""
+    library = next(cache.rglob("*.so"))
+    return {
+        "a library that others may write": lambda: library.chmod(0o777),
+        "a folder that others may write": lambda: library.parent.chmod(0o777),
+        "a cache that the group may write": lambda: cache.chmod(0o770),
+        "a link": lambda: (library.rename(cache / "real"), library.symlink_to(cache / "real")),
+    }
+
+
+@pytest.mark.parametrize("way", range(4))
+def test_nothing_is_loaded_from_where_others_may_write(tmp_path, monkeypatch, caplog, way):
+    monkeypatch.setenv("SIGMAX_CACHE", str(tmp_path / "cache"))
+    source, settings = "int f(void) { return 1; }", ("-O1",)
+    first = build.built(source, settings)
+    assert build.built(source, settings) == first
+    list(_damage(tmp_path / "cache").values())[way]()
+    build._found_folder.cache_clear()
+    with caplog.at_level(logging.WARNING, logger="sigmax"):
+        again = build.built(source, settings)
+    assert build.is_ours(again, again.parents[1])
+    assert "other users may write" in caplog.text
+
+
+def test_a_source_that_others_may_write_is_not_taken(tmp_path, monkeypatch):
+    monkeypatch.setenv("SIGMAX_CACHE", str(tmp_path / "cache"))
+    build.remember("name", "int f;")
+    assert build.remembered("name") == "int f;"
+    next((tmp_path / "cache").rglob("*.c")).chmod(0o666)
+    assert build.remembered("name") is None
+
+
+def test_a_folder_of_the_cache_that_cannot_be_written_is_done_without(tmp_path, monkeypatch, caplog):
+    monkeypatch.setenv("SIGMAX_CACHE", str(tmp_path / "cache"))
+    build.cache_folder()
+    monkeypatch.setattr(
+        build.tempfile, "TemporaryDirectory", _refusing(tmp_path / "cache", tempfile.TemporaryDirectory)
+    )
+    with caplog.at_level(logging.WARNING, logger="sigmax"):
+        found = build.built("int g(void) { return 1; }", ("-O1",))
+    assert found.exists()
+    assert tmp_path not in found.parents
+    assert "compiles for this process alone" in caplog.text
+
+
+def _refusing(folder, make):
+    """Temporary folders, but for those below a folder, as on a full disk or without the right to write."""
+
+    def made(*about, dir=None, **others):
+        if dir is not None and folder in pathlib.Path(dir).parents:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return make(*about, dir=dir, **others)
+
+    return made
 
 
 def test_processes_that_compile_at_once_do_not_disturb_each_other(tmp_path, right):

@@ -1,5 +1,8 @@
 """A fingerprint changes with everything that a function's result depends on, and is refused where that is hidden."""
 
+import collections
+import enum
+import functools
 import math
 import types
 from functools import partial
@@ -86,6 +89,80 @@ def test_what_matters_changes_it(one, other):
     assert fingerprint(other) is not None
 
 
+def wrapping(source, other, **names):
+    return functools.wraps(other)(of(source, **names))
+
+
+def with_attribute(value):
+    made = of("def f(x):\n    return x * f.scale")
+    made.scale = value
+    return made
+
+
+def with_rule(factor):
+    @jax.custom_jvp
+    def made(x):
+        return jnp.sin(x)
+
+    rule = of("def f(p, t):\n    return p[0], t[0] * k", k=factor)
+    made.defjvp(rule)
+    return made
+
+
+def captured(value):
+    return of("def f(x):\n    return x * g", g=value)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (
+            wrapping("def f(x):\n    return x * g", jnp.sin, g=1.0),
+            wrapping("def f(x):\n    return x * g", jnp.sin, g=2.0),
+        ),
+        (
+            wrapping("def f(x):\n    return x * g", np.mean, g=1.0),
+            wrapping("def f(x):\n    return x * g", np.mean, g=2.0),
+        ),
+        (wrapping("def f(x):\n    return x", jnp.sin), jnp.sin),
+        (with_attribute(1.0), with_attribute(2.0)),
+        (with_rule(1.0), with_rule(2.0)),
+        (captured(jnp.asarray(2.0)), captured(jnp.asarray(np.float64(2.0)))),
+        (captured(jnp.ones(2, np.float32)), captured(jnp.ones(2))),
+        (captured(np.float64(2.0)), captured(2.0)),
+        (captured(np.float32(2.0)), captured(np.float64(2.0))),
+        (captured(2), captured(2.0)),
+        (captured(0.0), captured(-0.0)),
+        (captured(np.ones((2, 2))), captured(np.asfortranarray(np.ones((2, 2))))),
+        (captured({"a": 1, "b": 2}), captured({"b": 2, "a": 1})),
+        (captured(partial(helper, k=1)), captured(partial(helper, k=2))),
+        (captured(math.sin), captured(math.cos)),
+        (captured(jnp.sin), captured(jnp.cos)),
+    ],
+)
+def test_what_matters_changes_it_however_it_is_dressed(one, other):
+    """Or nothing is remembered."""
+    assert fingerprint(one) is None or fingerprint(one) != fingerprint(other)
+
+
+def test_what_was_put_in_the_place_of_a_librarys_function_matters(monkeypatch):
+    user = of(SAME)
+    before = fingerprint(user), fingerprint(sigmax.motions.singer(tau=1.0).function)
+    monkeypatch.setattr(jnp, "sin", of("def f(x):\n    return x"))
+    assert fingerprint(user) != before[0]
+    monkeypatch.setattr("sigmax.motions.jnp.sin", of("def f(x):\n    return x * 2"), raising=False)
+    assert fingerprint(user) != before[0]
+
+
+def test_a_default_that_is_changed_matters():
+    def f(x, table=[1.0]):  # noqa: B006
+        return x * table[0]
+
+    before = fingerprint(f)
+    f.__defaults__[0][0] = 2.0
+    assert fingerprint(f) != before is not None
+
+
 def test_a_function_deep_below_matters(monkeypatch):
     def outer(x):
         return helper(x)
@@ -111,8 +188,47 @@ def reads(x):
     return np.load("grid.npy") @ x
 
 
+class Chosen(enum.IntEnum):
+    ONE = 1
+
+
+class Defaults(dict):
+    def __missing__(self, key):
+        return 2.0
+
+
+class Disguised(float):
+    def __repr__(self):
+        return "1.0"
+
+
+def impostor():
+    made = type("attrgetter", (), {})
+    made.__module__ = "operator"
+    return made
+
+
 @pytest.mark.parametrize(
-    "hidden", [Thing().method, Thing(), uses_module, reads, types.ModuleType("m"), object(), {1, 2}]
+    "hidden",
+    [
+        *(Thing().method, Thing(), uses_module, reads, types.ModuleType("m"), object(), {1, 2}),
+        *(
+            types.ModuleType("operator"),
+            types.ModuleType("sigmax_models"),
+            types.ModuleType("jax"),
+            impostor(),
+            impostor()(),
+        ),
+        *(
+            Thing,
+            Chosen.ONE,
+            Defaults(),
+            Disguised(3.0),
+            collections.defaultdict(float),
+            np.ma.masked_equal([1.0], 1.0),
+        ),
+        *(jax.random.key(0), np.array([None]), np.random.default_rng(0), iter([1])),
+    ],
 )
 def test_what_cannot_be_seen_through_has_none(hidden):
     assert fingerprint(hidden) is None

@@ -3,6 +3,7 @@
 import ctypes
 import hashlib
 import os
+import stat
 import subprocess
 import tempfile
 import threading
@@ -13,6 +14,7 @@ from pathlib import Path
 import platformdirs
 
 from sigmax.native.machine import NARROWEST, compiler, cores, lane_bytes, processor
+from sigmax.native.refusal import say_once
 
 # Without errno and traps compilers may use vector instructions; NaN and infinity keep their meaning.
 _FLAGS = (
@@ -23,6 +25,8 @@ _FLAGS = (
 _IDLE = ("dse", "tree-dse", "tree-fre", "tree-dominator-opts", "tree-pta", "tree-ccp", "tree-copy-prop")
 _HERE = Path(__file__).parent / "c"
 _LONGEST_SECONDS = 900
+# For nobody else, whatever the mask of the user says.
+_OURS = 0o700
 # Some hundred kilobytes each at most.
 _MOST_FILES = 4000
 _one_at_a_time = threading.Lock()
@@ -33,14 +37,41 @@ class Unavailable(Exception):
 
 
 def cache_folder() -> Path | None:
-    """Where compiled steps are kept: SIGMAX_CACHE, else the user's cache folder; None where nothing can be written."""
+    """Where compiled steps are kept: SIGMAX_CACHE, else the user's cache folder; None where that cannot be used.
+
+    Nothing is taken from a folder in which other users may write, and nothing is left there.
+    """
     folder = Path(os.environ.get("SIGMAX_CACHE") or platformdirs.user_cache_path("sigmax"))
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=_OURS, exist_ok=True)
+        folder = folder.resolve()
         with tempfile.TemporaryFile(dir=folder):
+            pass
+        if is_ours(folder, folder):
             return folder
-    except OSError:
-        return None
+        reason = "other users may write in it"
+    except OSError as error:
+        reason = error.strerror or str(error)
+    _tell(folder, reason)
+    return None
+
+
+def _tell(place: Path, reason: str) -> None:
+    say_once(f"sigmax does not use {place} and compiles for this process alone: {reason}")
+
+
+def is_ours(path: Path, root: Path) -> bool:
+    """Whether nobody but this user and the system's could have written a file, or folder, in a folder `root`."""
+    if not hasattr(os, "getuid"):
+        return True
+    for part in (path, *path.parents):
+        about = part.lstat()
+        if about.st_uid not in (os.getuid(), 0) or about.st_mode & 0o022 or stat.S_ISLNK(about.st_mode):
+            return False
+        if part == root:
+            return True
+    return False
 
 
 @cache
@@ -56,7 +87,7 @@ def _folder() -> Path:
 
 @cache
 def _found_folder(named: str | None) -> Path:
-    return cache_folder() or Path(_temporary().name)
+    return cache_folder() or Path(_temporary().name).resolve()
 
 
 @cache
@@ -82,7 +113,11 @@ def load(source: str, single: bool, straight: bool, alone: bool) -> ctypes.CDLL:
     """
     defined = {"FLOAT": int(single), "BYTES": NARROWEST if alone else lane_bytes(), "WIDE": lane_bytes()}
     settings = [f"-DSIGMAX_{name}={value}" for name, value in defined.items()]
-    return ctypes.CDLL(str(built(source, (*_optimisation(straight), *settings))))
+    path = built(source, (*_optimisation(straight), *settings))
+    try:
+        return ctypes.CDLL(str(path))
+    except OSError as error:
+        raise Unavailable(f"what was compiled cannot be loaded: {error}") from error
 
 
 def built(source: str, settings: tuple[str, ...]) -> Path:
@@ -92,8 +127,16 @@ def built(source: str, settings: tuple[str, ...]) -> Path:
         Unavailable: without a compiler, or where it fails.
     """
     key = hashlib.sha256(b"\n".join([_foundation(), *(s.encode() for s in settings), source.encode()])).hexdigest()
-    folder = _folder() / key[:2]
-    return _kept(folder, key) or _compiled(folder, key, source, settings)
+    root = _folder()
+    try:
+        return _kept(root, key) or _compiled(root, key, source, settings)
+    except OSError as error:
+        _tell(root / key[:2], error.strerror or str(error))
+    try:
+        private = Path(_temporary().name).resolve()
+        return _kept(private, key) or _compiled(private, key, source, settings)
+    except OSError as error:
+        raise Unavailable(f"nowhere to keep what is compiled: {error}") from error
 
 
 def _optimisation(straight: bool) -> list[str]:
@@ -113,8 +156,11 @@ def load_all(sources: list[tuple[str, bool, bool, bool]]) -> list[ctypes.CDLL]:
 
 def remembered(name: str) -> str | None:
     """The source that was kept under a name, if it is whole."""
-    path = _folder() / name[:2] / f"{name}.c"
+    root = _folder()
+    path = root / name[:2] / f"{name}.c"
     try:
+        if not is_ours(path, root):
+            return None
         digest, _, source = path.read_text(encoding="utf-8").partition("\n")
         os.utime(path)
     except (OSError, UnicodeDecodeError):
@@ -128,7 +174,7 @@ def remember(name: str, source: str) -> None:
     """Keep a source under a name; a cache that cannot be written is no error."""
     folder = _folder() / name[:2]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=_OURS, exist_ok=True)
         with tempfile.NamedTemporaryFile("w", dir=folder, delete=False, encoding="utf-8") as file:
             file.write(f"/* {_digest(source.encode())} */\n{source}")
         Path(file.name).replace(folder / f"{name}.c")
@@ -140,11 +186,13 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:32]
 
 
-def _kept(folder: Path, key: str) -> Path | None:
+def _kept(root: Path, key: str) -> Path | None:
     """The library of this key whose content is what its name says."""
-    for path in folder.glob(f"{key}-*.so"):
+    for path in (root / key[:2]).glob(f"{key}-*.so"):
         try:
-            if path.stem.endswith(_digest(path.read_bytes())):
+            if not is_ours(path, root):
+                say_once(f"sigmax does not load {path}: other users may write it")
+            elif path.stem.endswith(_digest(path.read_bytes())):
                 os.utime(path)
                 return path
         except OSError:
@@ -152,10 +200,12 @@ def _kept(folder: Path, key: str) -> Path | None:
     return None
 
 
-def _compiled(folder: Path, key: str, source: str, settings: tuple[str, ...]) -> Path:
-    found = compiler()
+def _compiled(root: Path, key: str, source: str, settings: tuple[str, ...]) -> Path:
+    found, folder = compiler(), root / key[:2]
     assert found is not None
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(mode=_OURS, exist_ok=True)
+    if not is_ours(folder, root):
+        raise PermissionError("other users may write in it")
     with tempfile.TemporaryDirectory(dir=folder) as work:
         made = Path(work) / "step.so"
         command = [*found.command, *_FLAGS, *settings, f"-I{_HERE}", "-x", "c", "-", "-o", str(made), "-lm"]
@@ -169,8 +219,9 @@ def _compiled(folder: Path, key: str, source: str, settings: tuple[str, ...]) ->
             reason = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr[:200]).strip()
             raise Unavailable(f"the compiler {' '.join(found.command)} ended with {done.returncode}: {reason}")
         final = folder / f"{key}-{_digest(made.read_bytes())}.so"
+        made.chmod(_OURS)
         made.replace(final)
-    _prune(folder.parent)
+    _prune(root)
     return final
 
 
