@@ -32,6 +32,8 @@ _LOOKS_ABROAD = {
 }
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis))
 _COLLECTIONS = (tuple, list, dict, frozenset, types.MappingProxyType, collections.OrderedDict)
+# Attributes that functools.wraps copies, of which nothing is computed.
+_FOR_READERS = ("__annotations__", "__doc__", "__type_params__")
 # What changes how JAX traces.
 _SETTINGS = ("enable_x64", "numpy_dtype_promotion", "default_dtype_bits", "default_matmul_precision")
 
@@ -162,7 +164,7 @@ def _of_object(thing: Any, seen: Seen) -> Iterator[bytes]:
     if dataclasses.is_dataclass(thing) and not hasattr(thing, "__dict__"):
         yield from _parts({f.name: getattr(thing, f.name) for f in dataclasses.fields(thing)}, seen)
     elif hasattr(thing, "__dict__"):
-        yield from _parts(dict(vars(thing)), seen)
+        yield from _parts({k: v for k, v in vars(thing).items() if k not in _FOR_READERS}, seen)
         if isinstance(thing, functools.partial):
             yield from _parts((thing.func, thing.args, thing.keywords), seen)
     elif not isinstance(thing, str | float | int):
@@ -181,7 +183,7 @@ def _of_function(function: types.FunctionType, seen: Seen) -> Iterator[bytes]:
         return
     if named & _LOOKS_ABROAD:
         raise _Opaque
-    yield from _parts({k: v for k, v in vars(function).items() if k != "__wrapped__"}, seen)
+    yield from _parts({k: v for k, v in vars(function).items() if k not in ("__wrapped__", *_FOR_READERS)}, seen)
     for name in sorted(named):
         yield name.encode()
         if name in found:
