@@ -229,7 +229,7 @@ def test_a_fault_is_told_with_track_step_and_reason(
     monkeypatch.setattr(sigmax.Smoothed, "fault", property(lambda _: fault))
     s = score(record, outcomes[0])
     assert s.faults == 1
-    assert s.first_fault == "track B2, step 12 (t = 24 s): R is not positive semidefinite at this step"
+    assert s.first_fault.startswith("track B2, step 12 (t = 24 s): R is not positive semidefinite at this step")
 
 
 def figures_of(html: str) -> dict:

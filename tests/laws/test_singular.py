@@ -274,3 +274,34 @@ def test_the_root_of_a_deficient_covariance_is_exact():
         S = np.asarray(noise_root(A @ A.T))
         d = np.sqrt(np.diagonal(A @ A.T))
         assert np.abs((S @ S.T - A @ A.T) / np.outer(d, d)).max() < 1e-7
+
+
+def test_a_fault_says_what_caused_it_and_what_helps():
+    nothing = Problem(H=np.zeros((2, 3)), R=0.0)
+    got, _ = nothing.run("EKF")
+    assert "R is 0 where nothing uncertain is measured: give it" in got.faults()[0]
+    growing = Problem(F=np.diag([1.0, 1, 1e80]), steps=6)
+    got, _ = growing.run("SREKF")
+    assert int(sigmax.Fault.PREDICTION_INDEFINITE) in got.fault
+    assert "a direction that no sensor observes" in got.faults()[-1]
+    for fault in sigmax.Fault:
+        if fault.name.endswith(("INDEFINITE", "WIDENED")):
+            assert "; " in fault.message, fault
+
+
+def test_contributions_to_the_state_with_a_component_known_exactly():
+    model = sigmax.Model(
+        motion=lambda x, dt: x, sensor={"s": lambda x: x[:1] + x[1:]}, Q=[0.1, 0.0], R={"s": [0.5]}, state=("a", "b"),
+        measurement={"s": ["z"]},
+    )  # fmt: skip
+    prior = sigmax.Gaussian([1.0, 2.0], [4.0, 0.0])
+    whole, parts = (sigmax.Live("SREIF", model, prior) for _ in range(2))
+    for z in (2.5, 3.5, 3.0):
+        whole.predict(1.0)
+        whole.update([z], "s")
+        parts.predict(1.0)
+        sigmax.absorb(parts, [sigmax.contribution(parts, [z], "s", space="state")])
+        assert np.allclose(parts.mean, whole.mean, rtol=1e-12)
+        assert np.allclose(parts.cov, whole.cov, rtol=1e-12, atol=1e-13)
+    with pytest.raises(sigmax.InputError, match="R of 's' has no inverse"):
+        sigmax.contribution(parts, [1.0], "s", space="state", R=[0.0])

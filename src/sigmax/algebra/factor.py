@@ -241,6 +241,12 @@ def solve_lower(L: jax.Array, b: jax.Array) -> jax.Array:
     return jnp.stack(rows)
 
 
+def pivoted(L: jax.Array) -> jax.Array:
+    """L with 1 where a pivot is 0, so that it can be solved with: there is a component known exactly."""
+    known = jnp.stack([L[i, i] <= 0 for i in range(len(L))])
+    return L + dense(Diagonal(jnp.where(known, 1, 0).astype(L.dtype)))
+
+
 def inverse_lower(L: jax.Array) -> jax.Array:
     """L⁻¹ of a lower triangle L (n, n, ...)."""
     one = jnp.ones(L.shape[:1] + L.shape[2:], L.dtype)

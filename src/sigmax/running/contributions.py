@@ -10,7 +10,7 @@ import numpy as np
 
 from sigmax.algebra.arrays import TWO_PI, inner, product, times, wrap
 from sigmax.algebra.factor import absorb as reflect
-from sigmax.algebra.factor import cholesky, dense, identity, inverse_lower, solve_lower, tria
+from sigmax.algebra.factor import cholesky, dense, identity, inverse_lower, pivoted, solve_lower, tria
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.models.checks import finite, numbers
@@ -65,6 +65,8 @@ def contribution(
             raise InputError(f"the sensor {sensor!r} takes inputs; give u=")
         own = used if R is not None else None
         i, matrix = _to_state(live.filter, sensor)(model, live.belief, value, own, u)
+        if not np.isfinite(matrix).all():
+            raise _no_inverse(sensor)
         of_state = model.joint_state, np.array(live.belief.mean, float), np.array(i), np.array(matrix)
         return Contribution("state", sensor, *of_state, 0.0, 0.0, int(seen.sum()), time)
     if callable(used):
@@ -73,7 +75,7 @@ def contribution(
     both = seen[:, None] & seen[None]
     covariance = np.where(both, dense_noise(used), np.eye(m))
     if np.linalg.eigvalsh(covariance).min(initial=1) <= 0:
-        raise InputError(f"R of {sensor!r} has no inverse; a contribution is made of R⁻¹")
+        raise _no_inverse(sensor)
     weight = np.where(both, np.linalg.inv(covariance), 0.0)
     turning = np.array(model.measured_angular(sensor, m))
     # Angles are counted from what was measured: nobody has to agree on how many circles they hold.
@@ -83,6 +85,12 @@ def contribution(
     square = float(off @ weight @ off)
     return Contribution(
         "measurement", sensor, names, about, weight @ off, weight, square, volume, int(seen.sum()), time
+    )
+
+
+def _no_inverse(sensor: str) -> InputError:
+    return InputError(
+        f"R of {sensor!r} has no inverse, and a contribution is made of R⁻¹; give each component a variance above 0"
     )
 
 
@@ -181,7 +189,7 @@ def _to_state(filter: Filter, sensor: str) -> Any:
         line = filter.correct(sensing(model, sensor, x, u), x, S, angular)
         Lr, _ = sensor_noise(model, model.R[sensor] if R is None else R, x, u, seen)
         nu = jnp.where(seen, wrap(jnp.where(seen, z, 0) - line.mean, angular), 0)
-        A = jnp.where(seen[:, None], line.slope, 0) @ inverse_lower(S)
+        A = jnp.where(seen[:, None], line.slope, 0) @ inverse_lower(pivoted(S))
         G = solve_lower(dense(Lr), A)
         return times(G.swapaxes(0, 1), solve_lower(dense(Lr), nu)), inner(G, G)
 

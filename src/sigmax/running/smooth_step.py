@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.arrays import product, times, wrap
-from sigmax.algebra.factor import Diagonal, Matrix, absorb, add, dense, downdate, raised, release, solve_lower, tria
+from sigmax.algebra.factor import Matrix, absorb, add, dense, downdate, pivoted, raised, release, solve_lower, tria
 from sigmax.filters import Filter
 from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise
 from sigmax.models.model import Model
@@ -76,8 +76,7 @@ def _back(
 def _solved(L: Any, b: Any) -> Any:
     """L⁻¹ b, where a pivot of 0 belongs to a component known exactly, which takes no part."""
     known = jnp.stack([L[i, i] <= 0 for i in range(len(L))])
-    solved = solve_lower(L + dense(Diagonal(jnp.where(known, 1, 0).astype(L.dtype))), b)
-    return jnp.where(known[:, None], 0, solved)
+    return jnp.where(known[:, None], 0, solve_lower(pivoted(L), b))
 
 
 def _in_domain(model: Model, line: Linearization, Lq: Matrix) -> tuple[Linearization, Matrix]:

@@ -47,16 +47,33 @@ class Fault(IntEnum):
         return _MESSAGES[self]
 
 
+_POSITIVE = "take a set without them: alpha = 1 and kappa of at least 0, or cubature of degree 3"
 _MESSAGES = {
-    Fault.CORRECTION_WIDENED: "R + Ω was indefinite by negative weights; the correction was done without them",
-    Fault.PREDICTION_WIDENED: "the predicted covariance was indefinite by negative weights; done without them",
+    Fault.CORRECTION_WIDENED: (
+        f"R + Ω was indefinite by negative weights; the correction was done without them; {_POSITIVE}"
+    ),
+    Fault.PREDICTION_WIDENED: (
+        f"the predicted covariance was indefinite by negative weights; done without them; {_POSITIVE}"
+    ),
     Fault.NONE: "sound",
     Fault.MOTION_NOT_FINITE: "the motion gave a state or a derivative that is not finite",
-    Fault.MOTION_NOISE_INDEFINITE: "Q is not positive semidefinite at this step",
-    Fault.PREDICTION_INDEFINITE: "the predicted covariance is not positive definite",
+    Fault.MOTION_NOISE_INDEFINITE: (
+        "Q is not positive semidefinite at this step; its function gave a negative variance, "
+        "or a covariance larger than its variances allow"
+    ),
+    Fault.PREDICTION_INDEFINITE: (
+        "the predicted covariance is not finite; a direction that no sensor observes may have grown without limit: "
+        "bound Q, or measure it now and then"
+    ),
     Fault.SENSOR_NOT_FINITE: "the sensor function or the measurement is not finite",
-    Fault.SENSOR_NOISE_INDEFINITE: "R is not positive semidefinite at this step",
-    Fault.CORRECTION_INDEFINITE: "the covariance of the innovation or of the corrected state is not positive definite",
+    Fault.SENSOR_NOISE_INDEFINITE: (
+        "R is not positive semidefinite at this step; its function gave a negative variance, "
+        "or a covariance larger than its variances allow"
+    ),
+    Fault.CORRECTION_INDEFINITE: (
+        "the innovation has no variance, or the corrected state is not finite; R is 0 where nothing uncertain is "
+        "measured: give it the variance of the sensor's last digit, or NaN for the measurement"
+    ),
 }
 
 
