@@ -23,6 +23,10 @@ def main() -> None:
             reason = f" ({error})" if str(error) else ""
             print(f"sigmax: there is not enough memory{reason}; split the data into parts", file=sys.stderr)
             raise SystemExit(WRONG_INPUT) from None
+        except OSError as error:
+            # What the system refuses is no fault of ours: a name that is too long, a disk that is gone.
+            print(f"sigmax: {error}", file=sys.stderr)
+            raise SystemExit(WRONG_INPUT) from None
         except Exception:
             import traceback
 

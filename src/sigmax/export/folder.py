@@ -1,5 +1,7 @@
 """`sigmax export c`: a filter on a model as a folder of C99."""
 
+import contextlib
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +24,7 @@ from sigmax.running.backend import natively
 from sigmax.running.edge import as_filter, cast, prepare, run_type
 from sigmax.running.fusing import how
 from sigmax.running.lowered import with_numbers
+from sigmax.signals import undone_by_signal
 
 
 class Exported(NamedTuple):
@@ -113,14 +116,38 @@ def export_c(
         f"test_{prefix}.c": test_program(names, vectors, start, single),
         "Makefile": makefile(prefix),
     }
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for file, text in texts.items():
-            (out / file).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{out} cannot be written: {error}") from error
+    _write(out, texts)
     counted = {k or "update": p.operations for k, p in programs.items() if k != "start"}
     return Exported(tuple(out / file for file in texts), counted)
+
+
+def _write(folder: Path, texts: Mapping[str, str]) -> None:
+    """Put files beside others, each whole; a folder that was not there appears with all of them or not at all.
+
+    Raises:
+        InputError: where the disk does not take them.
+    """
+    fresh = [p for p in (folder, *folder.parents) if not p.exists()]
+    parts = {file: folder / f".{file}.{os.getpid()}.part" for file in texts}
+
+    def undo() -> None:
+        for part in parts.values():
+            with contextlib.suppress(OSError):
+                part.unlink()
+        for place in fresh:
+            if place.is_dir() and not any(place.iterdir()):
+                place.rmdir()
+
+    try:
+        with undone_by_signal(undo):
+            folder.mkdir(parents=True, exist_ok=True)
+            for file, text in texts.items():
+                parts[file].write_text(text, encoding="utf-8")
+            for file, part in parts.items():
+                part.replace(folder / file)
+    except OSError as error:
+        undo()
+        raise InputError(f"{folder} cannot be written: {error}") from error
 
 
 def _rows(model: Model, z: Any, dt: np.ndarray, inputs: np.ndarray | None) -> Rows:

@@ -2,6 +2,8 @@
 
 import importlib.util
 import warnings
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -46,9 +48,9 @@ def _sample() -> Path:
 def _degrees(path: Path, method: str) -> Elevation:
     """Heights on a grid of degrees, the first row in the north, as in matplotlib's sample."""
     try:
-        with np.load(path) as found:
+        with path.open("rb") as file, np.load(file) as found:
             data = {key: np.asarray(found[key], float) for key in _WANTED}
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"{path} is not a map: it should hold {', '.join(_WANTED)} ({error})") from error
     # In the sample ymin and ymax are swapped.
     latitude = float(data["ymin"] + data["ymax"]) / 2

@@ -30,7 +30,7 @@ def read_prior(
     """
     state = built.model.state
     sensor = given.get(FROM)
-    if sensor is not None and sensor not in built.sensings:
+    if sensor is not None and (not isinstance(sensor, str) or sensor not in built.sensings):
         raise InputError(f"prior.{FROM}: {unknown('sensor', sensor, built.sensings)}")
     at = built.sensings[sensor].at if sensor is not None else ()
     for name in given:

@@ -138,6 +138,10 @@ class Record:
         return ", ".join([trial.filter.name, *fixed])
 
 
+# Parameters are squared, and more.
+_MOST = 1e50
+
+
 def parse_trial(text: str) -> Trial:
     """A trial from "NAME" or "NAME:parameter=value,…", where `fixed=component` may stand among the parameters.
 
@@ -157,6 +161,8 @@ def parse_trial(text: str) -> Trial:
             raise InputError(f"{text!r} gives {key} twice")
         else:
             parameters[key] = _value(value)
+            if isinstance(parameters[key], float) and not abs(parameters[key]) < _MOST:
+                raise InputError(f"{text!r}: {key} is beyond all measure; it is {value}")
     try:
         made = get(name, **parameters)
     except (TypeError, ValueError) as error:

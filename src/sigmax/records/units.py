@@ -83,6 +83,8 @@ _UNITS: dict[str, tuple[float, Dimension]] = {
     "mph": (1609.344 / 3600, SPEED),
     "g": (9.80665, ACCELERATION),
 }
+# Squares of what is larger or smaller, and their inverses, are no numbers any more.
+_LEAST, _MOST = 1e-150, 1e150
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
 _FACTOR = re.compile(r"([^\d\s^]+|1)\s*\^?\s*(\d+)?")
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
@@ -142,7 +144,10 @@ def quantity(given: Any, dimension: Dimension, where: str) -> float:
         raise InputError(f"{where}: {given!r} is not a number; write {dimension.what} such as {_example(dimension)}")
     if not math.isfinite(value):
         raise InputError(f"{where}: {given!r} is not finite; write {dimension.what} such as {_example(dimension)}")
-    return value * to_si(unit, dimension, where)
+    value *= to_si(unit, dimension, where)
+    if value and not _LEAST < abs(value) < _MOST:
+        raise InputError(f"{where}: {given!r} is beyond all measure; its square must still be a number")
+    return value
 
 
 def _example(dimension: Dimension) -> str:

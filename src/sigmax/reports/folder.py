@@ -1,7 +1,7 @@
 """The folder of a run: all of it, or none of it."""
 
 import json
-import os
+import tempfile
 from collections.abc import Collection, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -34,6 +34,13 @@ def check_folder(folder: Path, names: Collection[str] = FILES, mark: str = "summ
     Raises:
         InputError: for a file, a folder with other things in it, or a place that cannot be written.
     """
+    try:
+        _check_folder(folder, names, mark)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be used for results: {error}; give --out another folder") from error
+
+
+def _check_folder(folder: Path, names: Collection[str], mark: str) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError(f"{folder} is a {'link' if folder.is_symlink() else 'file'}; give --out a folder")
     if folder.is_dir():
@@ -44,9 +51,19 @@ def check_folder(folder: Path, names: Collection[str] = FILES, mark: str = "summ
                 f"{folder} holds other things ({', '.join((others or inside)[:3])}) and would be replaced; "
                 "give --out a new or an empty folder"
             )
+    dangling = next((p for p in folder.absolute().parents if p.is_symlink() and not p.exists()), None)
+    if dangling is not None:
+        raise InputError(f"{dangling} is a link that leads nowhere; give --out another folder")
     above = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
-    if not above.is_dir() or not os.access(above, os.W_OK):
-        raise InputError(f"{above} cannot be written to; give --out another folder")
+    if not above.is_dir():
+        raise InputError(f"{above} is no folder; give --out another folder")
+    place = above if folder != above else above.parent
+    try:
+        # Asked before hours of work; the rights of a folder do not tell all.
+        with tempfile.TemporaryDirectory(dir=place, prefix=".sigmax-"):
+            pass
+    except OSError as error:
+        raise InputError(f"{place} cannot be written to ({error.strerror}); give --out another folder") from error
 
 
 def _ours(folder: Path) -> bool:
