@@ -324,3 +324,54 @@ def test_a_record_without_truth_and_map_has_a_page_too(tracked: tuple[Record, li
     assert "path" not in figures
     assert figures["components/0/0"]["data"][2]["x"][1] == "2024-05-01T00:00:02"
     assert 'data-label="position RMSE"' not in html
+
+
+def test_times_and_places_far_from_zero_are_drawn_from_an_origin(
+    tracked: tuple[Record, list[Outcome], list[Score]],
+) -> None:
+    """Seconds since 1970 and UTM coordinates: what a point tells survives, ticks are dates, titles name the origin."""
+    record, outcomes, scores = tracked
+    north, east, start = 5_819_000.0, 487_000.0, 1.7e9
+    away = np.zeros(record.model.size)
+    away[list(record.position)] = [north, east] if record.model.state[record.position[0]] == "north" else [east, north]
+    moved = dataclasses.replace(
+        record,
+        time=record.time + start,
+        truth=record.truth + away,
+        landmarks={
+            n: (p[0] + away[record.position[0]], p[1] + away[record.position[1]]) for n, p in record.landmarks.items()
+        },
+    )
+    far = [dataclasses.replace(o, result=shifted(o.result, away)) for o in outcomes[:1]]
+    near_page, far_page = figures_of(page(record, outcomes[:1], scores[:1])), figures_of(page(moved, far, scores[:1]))
+
+    def offset(title: str) -> float:
+        found = re.search(r"− ([\d,]+) m", title)
+        return float(found[1].replace(",", "")) if found else 0.0
+
+    for axis, home in (("x", east), ("y", north)):
+        taken = offset(far_page["path"]["layout"][f"{axis}axis"]["title"]["text"])
+        assert abs(taken - home) < 1e5
+        for one, other in zip(near_page["path"]["data"], far_page["path"]["data"], strict=True):
+            theirs = [None if v is None else v + taken - home for v in other[axis]]
+            np.testing.assert_allclose(np.array(one[axis], float), np.array(theirs, float), atol=1e-3)
+    x = far_page["components/0/0"]["data"][2]["x"]
+    assert x[0] == "2023-11-14T22:13:20"
+    assert len(set(x)) == len(x) == 30
+    assert far_page["nis"]["layout"]["xaxis"]["title"]["text"] == "time (UTC)"
+    # A clock of another kind: since its own start.
+    odd = dataclasses.replace(record, time=record.time + 5e6)
+    figures = figures_of(page(odd, outcomes[:1], scores[:1]))
+    assert figures["components/0/0"]["layout"]["xaxis"]["title"]["text"] == "time since 5000000 s [s]"
+    assert figures["components/0/0"]["data"][2]["x"][:2] == [0.0, 2.0]
+    # Without truth the component itself is drawn: not a step may be lost.
+    blind = dataclasses.replace(moved, truth=np.full_like(moved.truth, np.nan))
+    drawn = figures_of(page(blind, far, scores[:1]))["components/0/0"]["data"][2]["y"]
+    np.testing.assert_allclose(drawn, far[0].result.mean[0, :30, 0], atol=1e-3)
+
+
+def shifted(result: sigmax.Result, by: np.ndarray) -> sigmax.Result:
+    """The same result with its means elsewhere."""
+    mean = result.stored_mean
+    place = by.reshape(-1, *[1] * (mean.ndim - 1)) if mean.shape[0] == len(by) else by
+    return dataclasses.replace(result, stored_mean=mean + place)

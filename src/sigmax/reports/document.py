@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
+from typing import Any
 
 from plotly.offline import get_plotlyjs
 
@@ -12,7 +13,7 @@ from sigmax.reports.figures.draw import Figure
 
 def document(title: str, about: str, sections: Sequence[str], figures: Mapping[str, Figure]) -> str:
     """A page of sections in HTML; places made by `place` are filled with the figures of their names."""
-    data = json.dumps(figures, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    data = within_script(figures)
     here = files("sigmax.reports")
     css, js = (here.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
     return f"""<!doctype html>
@@ -36,6 +37,11 @@ def document(title: str, about: str, sections: Sequence[str], figures: Mapping[s
 </body>
 </html>
 """
+
+
+def within_script(content: Any) -> str:
+    """JSON that can stand inside a script element: whatever a name in it holds, it ends no element and begins none."""
+    return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def section(heading: str, about: str, body: str) -> str:
@@ -71,8 +77,8 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table of cells in HTML, one that becomes a list on a narrow screen."""
 
     def cells(row: Sequence[str]) -> str:
-        return "".join(f'<td data-label="{head}">{cell}</td>' for head, cell in zip(heads, row, strict=True))
+        return "".join(f'<td data-label="{escape(head)}">{cell}</td>' for head, cell in zip(heads, row, strict=True))
 
-    head = "".join(f"<th>{h}</th>" for h in heads)
+    head = "".join(f"<th>{escape(h)}</th>" for h in heads)
     body = "".join(f"<tr>{cells(row)}</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

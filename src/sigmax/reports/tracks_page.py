@@ -1,6 +1,5 @@
 """The page of tracks: a map with a scrubber over time, the life of every track, errors, sensors."""
 
-import json
 from html import escape
 from importlib.resources import files
 from typing import Any
@@ -8,8 +7,8 @@ from typing import Any
 import numpy as np
 
 import sigmax
-from sigmax.reports.document import document, place, section, table
-from sigmax.reports.figures.draw import COLOURS, MUTED, Figure, line
+from sigmax.reports.document import document, place, section, table, within_script
+from sigmax.reports.figures.draw import COLOURS, MUTED, Figure, line, safe
 from sigmax.reports.followed import Followed
 from sigmax.reports.thin import stride
 from sigmax.reports.verdict import significant
@@ -74,7 +73,7 @@ def _map(run: Followed) -> str:
         some = slice(None, None, max(1, total // _PLOTS))
         # Colours of sensors from the end of the list, those of targets from its beginning.
         shade = COLOURS[-1 - i % len(COLOURS)]
-        plots.append({"name": sensor, "colour": shade, **_points(t[some], p[some], a, b)})
+        plots.append({"name": safe(sensor), "colour": shade, **_points(t[some], p[some], a, b)})
     chosen = sorted(run.confirmed, key=lambda k: -len(run.confirmed[k][0]))[:_TRACKS]
     each = max(20, _POINTS // max(len(chosen), 1))
     tracks = []
@@ -85,7 +84,7 @@ def _map(run: Followed) -> str:
     truth = []
     for target in run.record.truth:
         r = stride(len(target.time), each)
-        truth.append({"name": target.name, **_points(target.time[r], target.position[r], a, b)})
+        truth.append({"name": safe(target.name), **_points(target.time[r], target.position[r], a, b)})
     shown = [*tracks, *truth] or plots
     ranges = []
     for axis in "xy":
@@ -99,9 +98,9 @@ def _map(run: Followed) -> str:
         "ranges": ranges,
         "memory": max(2.0, (end - start) / 60),
         "tail": max(20.0, (end - start) / 4),
-        "axes": [f"{n} [m]" for n in names],
+        "axes": [safe(f"{n} [m]") for n in names],
     }
-    told = json.dumps(content, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    told = within_script(content)
     script = files("sigmax.reports").joinpath("tracks.js").read_text(encoding="utf-8")
     more = f" The {_TRACKS} longest of {len(run.confirmed)} tracks." if len(run.confirmed) > _TRACKS else ""
     middle = start + 0.7 * (end - start)

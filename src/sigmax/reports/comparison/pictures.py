@@ -18,6 +18,8 @@ from sigmax.reports.verdict import significant
 from sigmax.studies import Comparison
 from sigmax.studies.measures import claimed_density, histogram
 
+# Letters of a name.
+_LONG = 44
 _STYLES = ("-", "--", ":", "-.")
 
 
@@ -127,8 +129,9 @@ def _histograms(c: Comparison) -> Any:
 
 
 def _plain(text: str) -> str:
-    """Text that matplotlib does not take for a formula."""
-    return text.replace("$", r"\$")
+    """Text that matplotlib does not take for a formula, and that leaves room for the picture."""
+    short = text if len(text) <= _LONG else f"{text[: _LONG - 1]}…"
+    return short.replace("$", r"\$")
 
 
 def _logarithmic(ax: Any, shown: Sequence[np.ndarray] = ()) -> None:

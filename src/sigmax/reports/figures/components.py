@@ -40,13 +40,15 @@ def component_figure(record: Record, outcome: Outcome, track: int, index: int, p
                 "x": x,
                 "y": plain(factor * value[at]),
                 "line": line,
-                "name": one.name,
+                "name": safe(one.name),
                 **axes,
             }
         )
         top = 1 - i * (height + gap)
-        title = f"{'error of ' if known else ''}{safe(one.name)}{f' [{unit}]' if unit else ''}"
-        layout[f"yaxis{axis}"] = {"domain": [max(top - height, 0), top], "range": _range(low, high, factor * value)}
+        title = safe(f"{'error of ' if known else ''}{one.name}{f' [{unit}]' if unit else ''}")
+        ticks = {"exponentformat": "none", "separatethousands": True}
+        shown = {"domain": [max(top - height, 0), top], "range": _range(low, high, factor * value)}
+        layout[f"yaxis{axis}"] = shown | ticks
         layout.setdefault("annotations", []).append(
             {
                 "text": title,

@@ -15,6 +15,7 @@ from sigmax.reports.figures.draw import (
     joined,
     limit,
     line,
+    origin_of,
     pale,
     plain,
     result_of,
@@ -47,10 +48,16 @@ def path_figure(record: Record, ran: Sequence[Shown], advised: int, apart: Colle
     backdrop = record.backdrop
     offset = np.zeros(1) if backdrop is None else backdrop.offset
 
+    origin = {a: 0.0, b: 0.0}
+    if backdrop is None:
+        means = [result_of(o).mean[record.real] for _, _, o in ran]
+        origin = {i: origin_of(np.concatenate([mean[:, i] for mean in means])) for i in (a, b)}
+
     def placed(values: np.ndarray, component: int) -> np.ndarray:
         """A component of positions (B, T, n) where it is drawn."""
         where = record.position.index(component)
-        return values[..., component] if backdrop is None else values[..., component] + offset[..., where]
+        moved = values[..., component] - origin[component]
+        return moved if backdrop is None else moved + offset[..., where]
 
     if backdrop is not None:
         names = ["east", "north"]
@@ -76,12 +83,12 @@ def path_figure(record: Record, ran: Sequence[Shown], advised: int, apart: Colle
         data.append(drawn if index == advised or index in apart else drawn | {"visible": "legendonly"})
     for index, label, outcome in ran:
         if index == advised:
-            x, y = _ellipses(record, result_of(outcome), (a, b), scale)
+            x, y = _ellipses(record, result_of(outcome), (a, b), np.array([origin[a], origin[b]]), scale)
             outline = line(f"2σ of {label}", x, y, INK, width=1.2)
             data.append(outline | {"hoverinfo": "skip", "fill": "toself", "fillcolor": pale(colour(index), 0.35)})
     if record.landmarks:
-        swapped = (1, 0) if record.position[0] == b else (0, 1)
-        at = [[place[i] * scale for place in record.landmarks.values()] for i in swapped]
+        swapped = ((1, a), (0, b)) if record.position[0] == b else ((0, a), (1, b))
+        at = [[(place[i] - origin[j]) * scale for place in record.landmarks.values()] for i, j in swapped]
         data.append(
             {
                 "type": "scatter",
@@ -101,11 +108,17 @@ def path_figure(record: Record, ran: Sequence[Shown], advised: int, apart: Colle
     return {
         "data": data,
         "layout": {
-            "xaxis": {"title": {"text": f"{names[0]} [{unit}]"}},
-            "yaxis": {"title": {"text": f"{names[1]} [{unit}]"}, "scaleanchor": "x", "scaleratio": 1},
+            "xaxis": {"title": {"text": _titled(names[0], origin[a], unit)}},
+            "yaxis": {"title": {"text": _titled(names[1], origin[b], unit)}, "scaleanchor": "x", "scaleratio": 1},
             "height": 560,
         },
     }
+
+
+def _titled(name: str, origin: float, unit: str) -> str:
+    """The title of an axis, with what is taken off its values."""
+    taken = f" {'−' if origin > 0 else '+'} {abs(origin):,.0f} m" if origin else ""
+    return safe(f"{name}{taken} [{unit}]")
 
 
 def _heights(backdrop: Backdrop, scale: float) -> Figure:
@@ -126,7 +139,9 @@ def _heights(backdrop: Backdrop, scale: float) -> Figure:
     }
 
 
-def _ellipses(record: Record, result: Result, places: tuple[int, int], scale: float) -> tuple[np.ndarray, np.ndarray]:
+def _ellipses(
+    record: Record, result: Result, places: tuple[int, int], origin: np.ndarray, scale: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Outlines of the 2σ ellipses along all tracks."""
     each = max(3, _ELLIPSES // len(record.tracks))
     shown = range(min(len(record.tracks), 4 * _ELLIPSES))
@@ -138,7 +153,7 @@ def _ellipses(record: Record, result: Result, places: tuple[int, int], scale: fl
             S = result.factor[k, step][list(places)]
             values, vectors = np.linalg.eigh(S @ S.T)
             ellipse = (vectors * np.sqrt(np.maximum(values, 0))) @ circle
-            centre = result.mean[k, step][list(places), None]
+            centre = (result.mean[k, step][list(places)] - origin)[:, None]
             if record.backdrop is not None:
                 centre = centre + record.backdrop.offset[k, step][:, None]
             outlines.append((centre + ellipse) * scale)
