@@ -84,10 +84,15 @@ static void widen(int size, const double *from, real *to) {
     for (int i = 0; i < size; i++) to[i] = from[i];
 }
 
+/* What a filter that keeps its mean in double precision has of it. */
+static void rounded(int n, real *x) {
+    for (int i = 0; i < n; i++) x[i] = (double)x[i];
+}
+
 /* out: (2, T, 2, n), filtered and smoothed means and standard deviations. Q, F are (T, n, n), H (T, m, n), R (T, m, m),
-   z (T, m) with NaN where missing. */
-void track(int n, int m, int T, const double *mean, const double *cov, const double *F, const double *Q,
-           const double *H, const double *R, const double *z, real *out) {
+   z (T, m) with NaN where missing; with `in_double` the filtered means are rounded to double at each step. */
+static void track(int n, int m, int T, const double *mean, const double *cov, const double *F, const double *Q,
+           const double *H, const double *R, const double *z, int in_double, real *out) {
     int nn = n * n, w = n + m, seen[m];
     real *kept = malloc(sizeof(real) * T * (2 * n + 3 * nn));
     real x[n], S[nn], A[2 * n * 2 * n > w * w ? 4 * nn : w * w], h[m * n], nu[m], along[n * (n + 1)];
@@ -101,6 +106,7 @@ void track(int n, int m, int T, const double *mean, const double *cov, const dou
         widen(nn, F + t * nn, f);
         root(n, Q + t * nn, NULL, Lq);
         times(n, n, 1, f, n, before, 1, x, 1);
+        if (in_double) rounded(n, x);
         memcpy(ahead, x, sizeof x);
         times(n, n, n, f, n, S0, n, FS, n);
         for (int i = 0; i < n; i++) {
@@ -131,6 +137,7 @@ void track(int n, int m, int T, const double *mean, const double *cov, const dou
             for (int j = 0; j < m; j++) x[i] += A[(m + i) * w + j] * nu[j];
             memcpy(S + i * n, A + (m + i) * w + m, sizeof(real) * n);
         }
+        if (in_double) rounded(n, x);
         tell(n, x, S, out + t * 2 * n);
     }
     real *smoothed = out + T * 2 * n;
@@ -165,8 +172,8 @@ void track(int n, int m, int T, const double *mean, const double *cov, const dou
 }
 
 void tracks(long count, int n, int m, int T, const double *mean, const double *cov, const double *F, const double *Q,
-            const double *H, const double *R, const double *z, real *out) {
+            const double *H, const double *R, const double *z, int in_double, real *out) {
     for (long b = 0; b < count; b++)
         track(n, m, T, mean + b * n, cov + b * n * n, F + b * T * n * n, Q + b * T * n * n, H + b * T * m * n,
-              R + b * T * m * m, z + b * T * m, out + b * T * 4 * n);
+              R + b * T * m * m, z + b * T * m, in_double, out + b * T * 4 * n);
 }
