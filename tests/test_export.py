@@ -94,6 +94,50 @@ def test_exported_code_is_clean_under_sanitizers(tmp_path):
     difference(tmp_path, *flags)
 
 
+def hostile(filter, compiler, folder, sequences):
+    """Numbers that nobody should send, to a filter under the sanitizers of a compiler; what the program printed."""
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
+    exported("radar-ct", filter, folder)
+    made = builtin("radar-ct")
+    text = (folder / "test_radar_ct.c").read_text()
+    priors = re.findall(r"static const double prior_(?:mean|cov)\[\] = .*?;\n", text, re.S)
+    z = np.asarray(made.model.sensors[""](jnp.asarray(made.prior.mean)))
+    lines = [
+        '#include "radar_ct.h"',
+        *priors,
+        f"static const double measured[] = {{{', '.join(map(repr, z.tolist()))}}};",
+    ]
+    lines += ["typedef radar_ct_state STATE;", "typedef radar_ct_update_told TOLD;", "enum { SIZE = 5, MEASURED = 3 };"]
+    lines += [f"#define {name.upper()} radar_ct_{name}" for name in ("start", "predict", "update")]
+    (folder / "hostile.h").write_text("\n".join(lines) + "\n")
+    source = Path(__file__).with_name("hostile.c")
+    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1", "-Wno-overlength-strings"]
+    program = str(folder / "hostile")
+    command = [compiler, "-std=c99", "-Wall", *flags, f"-I{folder}", str(source), str(folder / "radar_ct.c")]
+    built = subprocess.run([*command, "-o", program, "-lm"], capture_output=True, text=True, check=False)
+    if "cannot find" in built.stderr or "libclang_rt" in built.stderr:
+        pytest.skip(f"{compiler} has no sanitizers")
+    assert built.returncode == 0, built.stderr[:2000]
+    done = subprocess.run([program, str(sequences)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"status {done.returncode}: {done.stdout}{done.stderr[:2000]}"
+    return done.stdout
+
+
+@needs_cc
+def test_no_number_makes_exported_code_break_its_promises(tmp_path):
+    """Infinities, NaN, 1e308, denormals: nothing undefined happens, a refused step leaves the state as it was."""
+    assert "refused" in hostile("SRECKFB", "gcc", tmp_path, 2000)
+
+
+@pytest.mark.slow
+@needs_cc
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("filter", ["SRECKFB", "UKF", "SREIF"])
+def test_no_number_makes_any_exported_code_break_its_promises(filter, compiler, tmp_path):
+    hostile(filter, compiler, tmp_path, 20_000)
+
+
 @needs_cc
 @pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is not installed")
 def test_exported_code_is_clean_under_valgrind(tmp_path):

@@ -151,6 +151,42 @@ def plane(w: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame({"time": w.t, "id": w.id, "x": w.x.round(3), "y": w.y.round(3)})
 
 
+RADARS = [
+    ("time", "range_km", "azimuth_deg", 1e-3, "deg"),
+    ("t", "range", "bearing", 1.0, "deg"),
+    ("Timestamp", "slant_range_m", "az_rad", 1.0, "rad"),
+    ("utc", "rho", "theta", 1.0, "rad"),
+    ("time_s", "Range_nmi", "Azimuth", 1 / 1852, "deg"),
+]
+
+
+@pytest.mark.parametrize("header", RADARS, ids=lambda h: h[1])
+def test_range_and_azimuth_become_a_radar(header: tuple[str, str, str, float, str], tmp_path: Path) -> None:
+    time, reach, angle, scale, turn = header
+    w = world()
+    w[["x", "y"]] += [20e3, 9e3]
+    azimuth = np.arctan2(w.x, w.y)
+    columns = {time: w.t, "track_no": w.id, reach: np.hypot(w.x, w.y) * scale,
+               angle: np.degrees(azimuth) if turn == "deg" else azimuth}  # fmt: skip
+    record, remarks = described(written(tmp_path / "plots.csv", pd.DataFrame(columns)))
+    assert record.tracks == tuple(map(str, w.id.unique()))
+    own = w[w.id == 366999002].iloc[1:]
+    np.testing.assert_allclose(record.z["radar"][1, 1:, 0], np.hypot(own.x, own.y), rtol=1e-9)
+    np.testing.assert_allclose(record.z["radar"][1, 1:, 1], np.arctan2(own.x, own.y), rtol=1e-9)
+    np.testing.assert_allclose(record.prior.mean[1, :2], w[["y", "x"]].iloc[1], rtol=1e-9)
+    assert any("radar" in remark for remark in remarks)
+
+
+BEACONS = [("d1", "d2", "d3"), ("range_0", "range_1"), ("anchor1_range", "anchor2_range"), ("dist_a1_m", "dist_a2_m")]
+
+
+@pytest.mark.parametrize("names", BEACONS, ids=lambda n: n[0])
+def test_distances_to_beacons_are_not_taken_for_a_position(names: tuple[str, ...], tmp_path: Path) -> None:
+    table = pd.DataFrame({"time": np.arange(5.0)} | {name: 5 + np.arange(5.0) for name in names})
+    with pytest.raises(InputError, match=r'look like distances to beacons.*kind = "range_only"'):
+        propose(written(tmp_path / "uwb.csv", table))
+
+
 FORMATS: dict[str, Callable[[Path, pd.DataFrame], Path]] = {
     "comma": lambda folder, t: written(folder / "d.csv", t),
     "semicolon": lambda folder, t: written(folder / "d.csv", t, sep=";"),

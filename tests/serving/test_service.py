@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from sigmax.errors import InputError
+from sigmax.records import load_plots
 from sigmax.serving import Checkpoint, Feed, Service
 from sigmax.serving.ends import End, parse_end
 from sigmax.serving.lines import Line, Splitter, quoted
 from sigmax.serving.outbox import Outbox
 from sigmax.serving.tree import dumped, loaded
-from tests.serving.feed import lines, written
+from tests.serving.feed import TOML, lines, written
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +63,12 @@ def test_what_is_quoted_shows_no_control_characters():
         (b'{"t": "soon", "n_km": 1}', "is no time"),
         (b'{"t": 1, "n_km": "1"}', "is no number"),
         (b'{"t": 1, "n_km": 1e300}', "beyond all measure"),
-        (b'{"t": 1, "n_km": NaN}', "no JSON"),
+        (b'{"t": 1, "n_km": NaN}', "radar has n_km, e_km"),
+        (b'{"t": 1, "n_km": NaN, "e_km": Infinity}', "beyond all measure"),
+        (b'{"t": 1, "n_km": NaN, "e_km": 1' + b"0" * 400 + b"}", "beyond all measure"),
+        (b'{"t": NaN, "n_km": 1}', "needs a time"),
+        (b'{"t": 1, "n_km": NaN, }', "no JSON"),
+        (b'{"t": 1, "plots": [{"n_km": NaN, "e_km": -Infinity}]}', "beyond all measure"),
         (b'{"t": 1, "other": 1}', "radar has n_km, e_km"),
         (b'{"t": 1, "sensor": "sonar", "n_km": 1}', "sonar"),
         (b'{"t": 1, "plots": 3}', "list of objects"),
@@ -104,6 +110,51 @@ def test_a_timestamp_is_its_seconds(feed):
     assert message.plots[0].time == 60.0
     assert message.plots[0].z[0] == 1500.0
     assert np.isnan(message.plots[0].z[1])
+
+
+@pytest.mark.parametrize("nothing", ["null", "NaN", None])
+def test_whatever_stands_for_nothing_in_a_line_is_missing(feed, nothing):
+    """Of a plot or of a scan: the same as if the key were not there."""
+    part = "" if nothing is None else f', "e_km": {nothing}'
+    for line, whole in (
+        (f'{{"t": 1, "n_km": 1{part}}}', '{"t": 1, "n_km": 1}'),
+        (f'{{"t": 1, "plots": [{{"n_km": 1{part}}}, {{"n_km": 2, "e_km": 3}}]}}',
+         '{"t": 1, "plots": [{"n_km": 1}, {"n_km": 2, "e_km": 3}]}'),
+    ):  # fmt: skip
+        one, two = feed.read(line.encode()), feed.read(whole.encode())
+        z = [p.z for p in one.plots] if one.scan is None else one.scan.z
+        np.testing.assert_array_equal(z, [p.z for p in two.plots] if two.scan is None else two.scan.z)
+        assert np.isnan(z[0][1])
+
+
+def test_a_feed_takes_places_on_the_earth_dates_and_numbers_that_mean_none(tmp_path):
+    """The same as a table with the same description."""
+    local = (
+        '[local]\nlatitude = { column = "lat", unit = "deg", missing = 91 }\n'
+        'longitude = { column = "lon", unit = "deg" }\norigin = ["52 deg", "4 deg"]\n\n[sensors.radar]'
+    )
+    text = TOML.replace("[sensors.radar]", local).replace(
+        'north = { column = "n_km", unit = "km" }, east = { column = "e_km", unit = "km" }',
+        'north = { column = "local.north", missing = 0 }, east = "local.east"',
+    )
+    text = text.replace('time = "t"', 'time = { column = "t", format = "%d/%m/%Y %H:%M:%S" }')
+    (tmp_path / "feed.toml").write_text(text)
+    (tmp_path / "plots.csv").write_text("t,lat,lon\n01/05/2024 12:00:00,52.01,4.02\n01/05/2024 12:00:02,52.011,4.021\n")
+    there = Feed(tmp_path / "feed.toml")
+    (table,) = [load_plots(str(tmp_path / "feed.toml"))]
+    for scan, line in zip(table.scans, (("12:00:00", 52.01, 4.02), ("12:00:02", 52.011, 4.021)), strict=True):
+        row = {"t": f"01/05/2024 {line[0]}", "lat": line[1], "lon": line[2]}
+        message = there.read(json.dumps(row).encode())
+        np.testing.assert_allclose(message.plots[0].z, scan.z[0], rtol=1e-12)
+        whole = there.read(json.dumps({"t": row["t"], "plots": [row]}).encode())
+        np.testing.assert_allclose(whole.scan.z, scan.z, rtol=1e-12)
+    assert (there.read(b'{"t": "01/05/2024 12:00:00", "lat": 52.01, "lon": 4.02}').plots[0].time) == 1714564800
+    for wrong, why in (('"lat": 91, "lon": 4', "radar has"), ('"lat": 95, "lon": 4', "no place on the earth"),
+                       ('"lat": 0, "lon": 4', "radar has"), ('"lat": "x", "lon": 4', "no number")):  # fmt: skip
+        with pytest.raises(InputError, match=why):
+            there.read(f'{{"t": "01/05/2024 12:00:00", {wrong}}}'.encode())
+    with pytest.raises(InputError, match="such as 31/01/2026 12:00:00"):
+        there.read(b'{"t": "2024-05-01", "lat": 52, "lon": 4}')
 
 
 def test_a_number_taken_before_is_acknowledged_but_not_tracked_again(feed):

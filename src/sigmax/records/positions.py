@@ -1,6 +1,7 @@
 """Which columns of a table measure positions, as tables of a description: places on the earth, polar or plane ones."""
 
 import math
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from sigmax.records.units import ANGLE, LENGTH, SPEED, Dimension, parse_unit, to
 
 # What the Automatic Identification System sends where it does not know: ITU-R M.1371, table 48.
 _UNKNOWN = {"latitude": 91.0, "longitude": 181.0, "speed": 102.3, "course": 360.0}
+_BEACONS = r"(range|rng|dist(ance)?|d|r|tof|anchor|beacon|uwb)_?[a-z]?\d+(_(range|dist(ance)?))?|range|dist(ance)?"
 _SPEEDS = ("kn", "m/s", "km/h", "mph")
 
 
@@ -191,6 +193,14 @@ def plane(table: Table, time: TimeRole, track: str | None) -> Seen:
         x, y = found[0][0], found[1][0]
     else:
         rest = [n for n in table.names if n not in taken and has_numbers(table, n)]
+        ranges = [n for n in rest if re.fullmatch(_BEACONS, base_and_unit(n)[0])]
+        if ranges:
+            columns = f"columns = {{ range = {quoted(ranges[0])} }}"
+            raise InputError(
+                f"{table.path.name}: {', '.join(map(repr, ranges))} look like distances to beacons. Where these stand "
+                "is not in the table, so that there is no proposal; describe each as a sensor: [sensors.first] "
+                f'kind = "range_only", origin = ["1 m", "2 m"], {columns}, noise = {{ range = "30 cm" }}'
+            )
         if len(rest) < 2:
             raise InputError(
                 f"{table.path.name}: beside the time {time.column!r} two columns of numbers are the least; it has "

@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,11 +17,11 @@ from sigmax.records.own import measured_columns
 from sigmax.records.own_plots import build_plots, cycle_of, period_of
 from sigmax.records.plot_description import PlotDescription
 from sigmax.records.record import parse_trial
-from sigmax.records.units import NUMBER, TIME, parse_unit, quantity, to_si
+from sigmax.records.units import TIME, quantity, to_si
 from sigmax.serving.gather import Plot
+from sigmax.serving.numbers import FeedColumn, LocalRows, column_of, feed_column, number_of, numbers_of, with_nan
 from sigmax.tracking import Cycle, Scan
 
-_PLAIN = {int, float, type(None)}
 _JSON = {type(None): "null", list: "an array", str: "text", bool: "true or false", int: "a number", float: "a number"}
 RESERVED = ("sensor", "plots", "serial", "source", "flush")
 
@@ -42,11 +42,6 @@ class Message(NamedTuple):
     flush: bool
     source: str
     serial: int | None
-
-
-class _Column(NamedTuple):
-    name: str
-    factor: float
 
 
 class Feed:
@@ -76,16 +71,16 @@ class Feed:
             self.window = quantity(description.tracking.late, TIME, "tracking.late")
             parts = description.tracking.sensors
             self.periods = {sensor: period_of(sensor, parts[sensor]) for sensor in built.sensings}
-            self._measured: dict[str, list[_Column]] = {}
+            self._measured: dict[str, list[FeedColumn]] = {}
             for sensor in built.sensings:
                 wanted = measured_columns(description, built, sensor)
-                self._measured[sensor] = [_Column(c.column, _factor(c.unit, d, where)) for c, d, where in wanted]
-            own = [
-                (i.sensor, _Column(i.column.column, _factor(i.column.unit, i.dimension, i.where))) for i in built.inputs
-            ]
-            self._inputs: list[tuple[str | None, _Column]] = own
+                self._measured[sensor] = [feed_column(c, d, where) for c, d, where in wanted]
+            own = [(i.sensor, feed_column(i.column, i.dimension, i.where)) for i in built.inputs]
+            self._inputs: list[tuple[str | None, FeedColumn]] = own
             unit = description.time.unit
-            self._time = _Column(description.time.column, to_si(unit, TIME, "time"))
+            self._time = FeedColumn(description.time.column, to_si(unit, TIME, "time"))
+            self._format = description.time.format
+            self._local = None if description.local is None else LocalRows(description.local)
         except InputError as error:
             raise InputError(f"{path.name}: {error}") from error
         for column in (self._time, *(c for some in self._measured.values() for c in some), *(c for _, c in own)):
@@ -113,7 +108,7 @@ class Feed:
         try:
             row = orjson.loads(line)
         except orjson.JSONDecodeError as error:
-            raise InputError(f"no JSON: {error}") from error
+            row = with_nan(line, error)
         if not isinstance(row, dict):
             raise InputError(f"a line is an object {{…}} of JSON, not {_JSON[type(row)]}")
         source, serial = row.get("source", ""), row.get("serial")
@@ -124,12 +119,14 @@ class Feed:
         if row.get("flush") is True:
             return Message((), None, True, source, serial)
         time = self._instant(row.get(self._time.name))
+        if self._local is not None:
+            row = self._local.row(row)
         if "plots" in row:
             return Message((), self._scan(row, time), False, source, serial)
         chosen = self._measured if "sensor" not in row else [self._sensor(row["sensor"])]
         plots = []
         for sensor in chosen:
-            z = _numbers(row, self._measured[sensor])
+            z = numbers_of(row, self._measured[sensor])
             if not np.isnan(z).all():
                 plots.append(Plot(time, sensor, z, self._u(row, sensor)))
         if not plots:
@@ -141,9 +138,11 @@ class Feed:
         given = row["plots"]
         if not isinstance(given, list) or not all(isinstance(p, dict) for p in given):
             raise InputError("plots must be a list of objects, one a plot")
+        if self._local is not None:
+            given = [self._local.row(p) for p in given]
         z = np.empty((len(given), len(self._measured[sensor])))
         for k, column in enumerate(self._measured[sensor]):
-            z[:, k] = _column(given, column)
+            z[:, k] = column_of(given, column)
         return Scan(time, sensor, z, self._u(row, sensor))
 
     def _sensor(self, name: Any) -> str:
@@ -157,7 +156,7 @@ class Feed:
     def _u(self, row: Mapping[str, Any], sensor: str) -> np.ndarray | None:
         if not self._inputs:
             return None
-        u = _numbers(row, [c for _, c in self._inputs])
+        u = numbers_of(row, [c for _, c in self._inputs])
         for (whose, column), value in zip(self._inputs, u, strict=True):
             if whose == sensor and np.isnan(value):
                 raise InputError(f"{sensor} needs the input {column.name!r}")
@@ -166,46 +165,12 @@ class Feed:
     def _instant(self, given: Any) -> float:
         if isinstance(given, str):
             try:
-                moment = datetime.fromisoformat(given)
+                moment = datetime.strptime(given, self._format) if self._format else datetime.fromisoformat(given)
             except ValueError as error:
-                raise InputError(
-                    f"{self._time.name}: {given[:50]!r} is no time such as 2026-01-31T12:00:00Z"
-                ) from error
+                example = datetime(2026, 1, 31, 12).strftime(self._format) if self._format else "2026-01-31T12:00:00Z"
+                raise InputError(f"{self._time.name}: {given[:50]!r} is no time such as {example}") from error
             return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-        value = _number(given, self._time)
+        value = number_of(given, self._time)
         if math.isnan(value):
             raise InputError(f"a line needs a time under {self._time.name!r}")
         return value
-
-
-def _factor(unit: str, dimension: Any, where: str) -> float:
-    if dimension is not None:
-        return to_si(unit, dimension, where)
-    return parse_unit(unit, where)[0] if unit.strip() else to_si("", NUMBER, where)
-
-
-def _numbers(row: Mapping[str, Any], wanted: Sequence[_Column]) -> np.ndarray:
-    return np.array([_number(row.get(c.name), c) for c in wanted])
-
-
-def _column(rows: Sequence[Mapping[str, Any]], column: _Column) -> np.ndarray:
-    """In SI, of many rows: all at once where nothing is unusual, for there may be ten thousand."""
-    given = [row.get(column.name) for row in rows]
-    if set(map(type, given)) <= _PLAIN:
-        # None becomes NaN.
-        values = np.array(given, float) * column.factor
-        if not (np.abs(values) >= 1e15).any():
-            return values
-    return np.array([_number(value, column) for value in given], float)
-
-
-def _number(given: Any, column: _Column) -> float:
-    """In SI; NaN where there is none."""
-    if given is None:
-        return math.nan
-    if not isinstance(given, int | float) or isinstance(given, bool):
-        raise InputError(f"{column.name}: {str(given)[:50]!r} is no number")
-    value = float(given) * column.factor
-    if not abs(value) < 1e15:
-        raise InputError(f"{column.name}: {given} is beyond all measure")
-    return value
