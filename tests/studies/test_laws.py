@@ -7,6 +7,7 @@ import pytest
 
 import sigmax
 from sigmax import InputError
+from sigmax.reports.comparison import verdict
 from sigmax.studies.bank import bank
 from sigmax.studies.beforehand import yardsticks
 from sigmax.studies.measures import histogram, measures
@@ -63,6 +64,25 @@ def test_every_way_to_the_optimum_finds_the_kalman_filter(way):
     assert np.sqrt((((found.mean - exact.mean) / sigma) ** 2).mean()) < 0.08
     ratio = np.sqrt((found.factor**2).sum(-1)) / sigma
     assert abs(ratio.mean() - 1) < 0.03
+
+
+def test_what_finitely_many_particles_miss_is_extrapolated_away():
+    """On a linear model the optimum is the Kalman filter, whose variance so few particles claim too small."""
+    c = sigmax.compare(linear(optimum_runs=1024), ["EKF"], runs=1024, particles=60)
+    exact = np.einsum("tii->ti", exact_covariances(12))
+    few, more, limit = (
+        float((np.einsum("tii->ti", m.claimed) / exact).mean() - 1)
+        for m in (c.optimum.measures, c.optimum.check, c.optimum.limit)
+    )
+    assert few < 2 * more / 1.5 < -0.015
+    assert abs(limit) < 0.5 * abs(more)
+    kalman = c.optimum.filters["EKF"].rmse.value ** 2
+    real = [
+        float((m.rmse.value**2 / kalman).mean() - 1) for m in (c.optimum.measures, c.optimum.check, c.optimum.limit)
+    ]
+    assert real[0] > real[1] > 0.01
+    assert abs(real[2]) < 0.5 * real[1]
+    assert "extrapolated away" in verdict(c)[1][-1]
 
 
 def test_sums_are_what_they_say_and_add_up():

@@ -15,7 +15,7 @@ from sigmax.studies.beforehand import check, chosen_filters, settings_of, yardst
 from sigmax.studies.bound import absent, bound
 from sigmax.studies.comparison import Comparison, Optimum
 from sigmax.studies.cost import Cost, costs
-from sigmax.studies.measures import measures
+from sigmax.studies.measures import measures, tends_to
 from sigmax.studies.progress import FILE, NOTHING, Totals, add, add_paired, restore, store
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Sums
@@ -208,4 +208,5 @@ def _optimum(totals: Totals, N: int) -> Optimum | None:
     if OPTIMUM not in totals.paired:
         return None
     filters = {name: measures(s) for name, s in totals.paired.items() if not name.startswith(OPTIMUM)}
-    return Optimum(N, measures(totals.paired[OPTIMUM]), measures(totals.paired[CHECK]), filters)
+    half, whole = (measures(totals.paired[name]) for name in (OPTIMUM, CHECK))
+    return Optimum(N, half, whole, tends_to(half, whole), filters)

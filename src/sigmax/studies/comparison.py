@@ -18,12 +18,14 @@ class Optimum(NamedTuple):
         particles: N.
         measures: of the optimum.
         check: of the same with 2N particles.
+        limit: what both tend to with ever more of them, see `measures.tends_to`.
         filters: of the filters over the same runs.
     """
 
     particles: int
     measures: Measures
     check: Measures
+    limit: Measures
     filters: dict[str, Measures]
 
 

@@ -122,7 +122,7 @@ def _references(c: Comparison, measure: str, i: int, scale: float, few: np.ndarr
     if measure == "ratio":
         drawn.append(line("honest", time, np.ones(len(few)), MUTED, 1))
     if c.optimum is not None and measure != "bias":
-        value, _ = _curve(c.optimum.check, measure, i)
+        value, _ = _curve(c.optimum.limit, measure, i)
         drawn.append(line("optimum", time, scale * value[few], INK, 2.4))
     if c.bound is not None and measure == "rmse":
         drawn.append(line("Cramér–Rao bound", time, scale * c.bound[few, i], TRUTH, 2.4))

@@ -94,7 +94,7 @@ def summary(c: Comparison) -> dict[str, Any]:
         "distance": {name: _number(s.distance) for name, s in found.items()},
         "distance_of_medians": {name: _number(s.middle) for name, s in found.items()},
         "distance_to": "optimum" if c.optimum is not None else "best",
-        "optimum": None if c.optimum is None else by_component(c.optimum.check.rmse.value),
+        "optimum": None if c.optimum is None else by_component(c.optimum.limit.rmse.value),
         "bound": None if c.bound is None else by_component(c.bound),
         "no_bound": c.no_bound or None,
         **(c.study.extra() if c.study.extra is not None else {}),
@@ -127,7 +127,7 @@ def measures_table(c: Comparison) -> pd.DataFrame:
     """All measures over time, a row for each filter, time and component."""
     shown: dict[str, Measures] = dict(c.measures)
     if c.optimum is not None:
-        shown |= {"optimum": c.optimum.check}
+        shown |= {"optimum": c.optimum.limit}
     tables = []
     T, n = c.study.steps, c.study.model.size
     for name, m in shown.items():

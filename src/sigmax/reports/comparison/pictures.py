@@ -54,7 +54,7 @@ def _rmse(c: Comparison) -> Any:
         for name, m in c.measures.items():
             ax.plot(c.study.time, factor * m.rmse.value[:, i], label=_plain(named(c, name)), **_style(c, name))
         if c.optimum is not None:
-            ax.plot(c.study.time, factor * c.optimum.check.rmse.value[:, i], "k", linewidth=2, label="optimum")
+            ax.plot(c.study.time, factor * c.optimum.limit.rmse.value[:, i], "k", linewidth=2, label="optimum")
         if c.bound is not None:
             ax.plot(c.study.time, factor * c.bound[:, i], color="0.6", linestyle=":", linewidth=2, label="bound")
         _logarithmic(ax, [factor * c.measures[name].rmse.value[:, i] for name in readable(c)])

@@ -148,7 +148,7 @@ def _distances(c: Comparison, error: Callable[[Measures], np.ndarray]) -> dict[s
     if not c.measures:
         return {}
     if c.optimum is not None:
-        reference = error(c.optimum.check)
+        reference = error(c.optimum.limit)
         return {name: distance(error(m), reference) for name, m in c.optimum.filters.items()}
     errors = {name: error(m) for name, m in c.measures.items()}
     any_of_them = next(iter(errors.values()))

@@ -19,7 +19,7 @@ from sigmax.reports.comparison.judgement import (
 )
 from sigmax.reports.comparison.standing import FAR, Standing, Word, standings
 from sigmax.reports.verdict import listed, significant
-from sigmax.studies import Comparison
+from sigmax.studies import Comparison, Measures
 from sigmax.studies.measures import distance
 from sigmax.studies.sums import FAR_OFF
 
@@ -198,6 +198,17 @@ def _about_the_optimum(c: Comparison) -> str:
         f"The optimum is that of {2 * o.particles} {kind} over {o.check.runs} runs; with half as many its errors "
         + ("are the same to 0.5 %." if abs(moved - 1) < 0.005 else f"are {significant(moved)} times as large.")
     )
+    short = 1 - distance(np.sqrt(_variances(o.check)), np.sqrt(_variances(o.limit))) ** 2
+    if abs(short) >= 0.005:
+        side = "small" if short > 0 else "large"
+        said += (
+            f" With finitely many the variance that it claims is {abs(short):.1%} too {side}; such errors, of order "
+            "1/N, are extrapolated away."
+        )
     if better:
         said += f" {listed(better)} did better, so there are too few of them: take no distance to it as proven."
     return said
+
+
+def _variances(m: Measures) -> np.ndarray:
+    return np.einsum("tii->ti", m.claimed)
