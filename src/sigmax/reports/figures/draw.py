@@ -131,7 +131,7 @@ def plain(values: Any) -> list[float | None]:
     size = np.abs(numbers[shown])
     digits = np.full(len(size), 8)
     if len(size) and (span := float(np.ptp(numbers[shown]))) > 0:
-        more = np.ceil(np.log10(np.maximum(size, 1e-300) / span)) + 6
+        more = np.ceil(np.log10(np.maximum(size, 1e-300)) - np.log10(span)) + 6
         digits = np.clip(more, 8, 17).astype(int)
     texts = iter(f"{v:.{d}g}" for v, d in zip(numbers[shown], digits, strict=True))
     return [float(next(texts)) if known else None for known in shown]
