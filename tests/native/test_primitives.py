@@ -36,7 +36,7 @@ def both(cases, dtype=np.float64, rows=None):
 
     All cases are one program: (native, JAX) by name, and the refusals by name.
     """
-    rows = given(dtype) if rows is None else rows
+    rows = np.ascontiguousarray(given(dtype) if rows is None else rows)
     spec = jax.ShapeDtypeStruct((rows.shape[1],), dtype)
     g = Graph(dtype)
     x = g.inputs("given", (rows.shape[1],))
@@ -154,8 +154,8 @@ INTEGER_BINARY = {
     "mod": lambda a, b: a % b,
     "dot": lambda a, b: jnp.stack([a, b]) @ jnp.stack([b, a]),
     "reductions": lambda a, b: jnp.stack([r(jnp.stack([a, b])) for r in (jnp.max, jnp.min)]),
-    "sum": lambda a, b: lax.reduce_sum(jnp.stack([a, b, a]), (0,)) if hasattr(lax, "reduce_sum") else a + b + a,
-    "product": lambda a, b: lax.reduce_prod(jnp.stack([a, b]), (0,)) if hasattr(lax, "reduce_prod") else a * b,
+    "sum": lambda a, b: lax.reduce_sum(jnp.stack([a, b, a]), (0,)),
+    "product": lambda a, b: lax.reduce_prod(jnp.stack([a, b]), (0,)),
     "running": lambda a, b: jnp.stack(
         [lax.cumsum(jnp.stack([a, b])), lax.cumsum(jnp.stack([a, b]), reverse=True), lax.cummax(jnp.stack([a, b]))]
     ),
@@ -236,3 +236,215 @@ def test_integers_from_floats_of_any_size(t):
     if t == "int32":
         cases.pop("as uint32")
     assert_equal(cases, refusing[t])
+
+
+def grid(x):
+    """The numbers as a matrix."""
+    return x.reshape(2, 4)
+
+
+def windows(x, mode, **about):
+    numbers = lax.GatherDimensionNumbers(offset_dims=(1,), collapsed_slice_dims=(0,), start_index_map=(0, 1))
+    at = jnp.array([[0, 1], [1, 3], [-1, 0], [5, 2]])
+    return lax.gather(grid(x), at, numbers, (1, 2), mode=mode, **about)
+
+
+def scattered(function, mode, x):
+    numbers = lax.ScatterDimensionNumbers(
+        update_window_dims=(), inserted_window_dims=(0,), scatter_dims_to_operand_dims=(0,)
+    )
+    at = jnp.array([[0], [0], [7], [9], [-1]])
+    return function(x, at, x[:5], numbers, mode=mode)
+
+
+def computed(x, most):
+    return jnp.clip(jnp.abs(x).astype(int), 0, most)
+
+
+MODES = [lax.GatherScatterMode.CLIP, lax.GatherScatterMode.FILL_OR_DROP]
+PADS = ((1, 0, 1), (0, 2, 0)), ((-1, 0, 0), (2, -3, 2))
+MOVING = {
+    **{f"reshape {d}": lambda x, d=d: lax.reshape(grid(x), (8,), dimensions=d) for d in (None, (0, 1), (1, 0))},
+    **{f"ravel {o}": lambda x, o=o: x.reshape(2, 2, 2).ravel(order=o) for o in "CF"},
+    **{f"transpose {p}": lambda x, p=p: lax.transpose(x.reshape(2, 2, 2), p) for p in ((2, 0, 1), (1, 0, 2))},
+    **{f"rev {d}": lambda x, d=d: lax.rev(grid(x), d) for d in ((), (0,), (1,), (0, 1))},
+    **{
+        f"pad {c}": lambda x, c=c: lax.pad(grid(x), x[0], c) for c in (((1, 0, 1), (0, 2, 0)), ((-1, 0, 0), (2, -3, 2)))
+    },
+    **{f"slice {s}": lambda x, s=s: lax.slice(grid(x), (0, 1), (2, 4), s) for s in (None, (1, 2), (2, 3))},
+    **{f"concatenate {a}": lambda x, a=a: lax.concatenate([grid(x), jnp.ones((2, 4)), grid(-x)], a) for a in (0, 1)},
+    "broadcast": lambda x: lax.broadcast_in_dim(x, (2, 8, 3), (1,)),
+    "tile": lambda x: jnp.tile(grid(x), (2, 3)),
+    "squeeze": lambda x: lax.squeeze(x.reshape(1, 8, 1), (0, 2)),
+    "split": lambda x: jnp.concatenate(jnp.split(x, [1, 5])[::-1]),
+    "of truth": lambda x: jnp.pad(grid(x > 0), 1, constant_values=True)[::-1, ::2],
+    "known": lambda x: x + jnp.concatenate([jnp.arange(3.0), jnp.pad(jnp.ones(2), (2, 1))])[::-1],
+    "known integers": lambda x: x * jnp.array(np.arange(1, 9, dtype=np.int32) * 2**30),
+    **{
+        f"iota {t}": lambda x, t=t: lax.broadcasted_iota(t, (8,), 0).astype(float) * 300 + x
+        for t in ("int8", "float32", "uint64")
+    },
+    "roll": lambda x: jnp.roll(grid(x), (1, -1), (0, 1)),
+}
+INDEXED = {
+    **{f"gather {m.name}": lambda x, m=m: windows(x, m) for m in MODES},
+    "gather filled": lambda x: windows(x, lax.GatherScatterMode.FILL_OR_DROP, fill_value=-3.0),
+    "gather truth": lambda x: (
+        jnp.array([True, False]).at[jnp.array([0, 5])].get(mode="fill", fill_value=False) & (x[:2] > 0)
+    ),
+    "gather batched": lambda x: jax.vmap(lambda row, i: row[i])(grid(x), computed(x[:2], 3)),
+    "take along": lambda x: jnp.take_along_axis(grid(x), computed(grid(x[::-1])[:, :1], 3), axis=1),
+    "dynamic slice": lambda x: lax.dynamic_slice(grid(x), (computed(x[0], 9) - 4, computed(x[1], 9) - 4), (1, 2)),
+    "dynamic update": lambda x: lax.dynamic_update_slice(grid(x), -grid(x)[:1, :2], (computed(x[0], 9) - 4, 3)),
+    **{
+        f"{f.__name__} {m.name}": lambda x, f=f, m=m: scattered(f, m, x)
+        for m in MODES
+        for f in (lax.scatter, lax.scatter_add, lax.scatter_mul, lax.scatter_min, lax.scatter_max)
+        if not (f is lax.scatter and m == MODES[0])
+    },
+    "scatter computed": lambda x: x.at[computed(x[:3], 9)].add(x[3:6]),
+    "scatter truth": lambda x: (x > 0).at[computed(x[0], 7)].set(x[1] > 0),
+    "switch": lambda x: lax.switch(x[0].astype(int), [lambda y: y, lambda y: -y, lambda y: y + 1], x),
+    "select of many": lambda x: lax.select_n(computed(x, 2), x, -x, x + 1),
+    "cond": lambda x: lax.cond(x[0] > x[1], lambda y: (y, y > 0), lambda y: (-y, y < 0), x)[0],
+    "apply": lambda x: x.at[jnp.array([0, 2])].apply(lambda y: y * y),
+}
+LOOPS = {
+    **{
+        f"scan reverse={r} unroll={u}": lambda x, r=r, u=u: jnp.stack(
+            lax.scan(lambda c, a: (c * 0.5 + a, (c, -a)), x[0], x, reverse=r, unroll=u)[1]
+        )
+        for r in (False, True)
+        for u in (1, 3)
+    },
+    "scan of nothing": lambda x: lax.scan(lambda c, _: (c * 0.5, c), x, None, length=3)[1],
+    "scan of length 0": lambda x: lax.scan(lambda c, a: (c, a), x, jnp.zeros((0, 2)))[0],
+    "scan with integers": lambda x: lax.scan(lambda i, a: (i + 1, a * i), 1, x)[1],
+    "while known": lambda x: lax.while_loop(lambda s: s[0] < 3, lambda s: (s[0] + 1, s[1] * 2), (0, x))[1],
+    "for": lambda x: lax.fori_loop(0, 5, lambda i, y: y.at[i].set(y[i + 1] * 2), x),
+    "map": lambda x: lax.map(lambda a: a * 2, x),
+    "jit": lambda x: jax.jit(lambda y, k: y * k, static_argnums=1)(x, 3),
+    "remat": lambda x: jax.checkpoint(lambda y: y * y)(x),
+    "vmap": lambda x: jax.vmap(lambda a, b: a * b, in_axes=(1, 1))(grid(x), grid(x[::-1])),
+}
+
+
+def without_infinities():
+    """Rows of which sums do not depend on the order."""
+    return np.round(given(np.float64)[:60, 2:] * 8)[:, [0, 1, 2, 3, 4, 5, 0, 3]]
+
+
+# Axes that are summed over, and axes side by side.
+PRODUCTS = (
+    (((2,), (1,)), ((0,), (0,))),
+    (((0, 1), (2, 0)), ((), ())),
+    (((), ()), ((1,), (2,))),
+    (((0, 1, 2), (0, 1, 2)), ((), ())),
+)
+SUMS = {
+    **{f"sum {a}": lambda x, a=a: grid(x).sum(a) for a in (None, 0, 1, (0, 1), ())},
+    **{f"prod {a}": lambda x, a=a: grid(jnp.clip(x, -3, 3)).prod(a) for a in (0, 1)},
+    **{f"max {a}": lambda x, a=a: jnp.stack([grid(x).max(a), grid(x).min(a)]) for a in (0, 1)},
+    **{
+        f"truth {a}": lambda x, a=a: jnp.stack([grid(x > 0).all(a), grid(x > 0).any(a), jnp.max(grid(x > 0), a)])
+        for a in (0, 1)
+    },
+    **{f"argmax {a}": lambda x, a=a: jnp.stack([jnp.argmax(grid(x), a), jnp.argmin(grid(x), a)]) for a in (0, 1)},
+    **{f"argmax as {t}": lambda x, t=t: lax.argmax(x, 0, t) for t in ("int32", "int64", "uint8")},
+    **{
+        f"{f.__name__} {a} {r}": lambda x, f=f, a=a, r=r: f(grid(jnp.clip(x, -3, 3)), axis=a, reverse=r)
+        for f in (lax.cumsum, lax.cumprod, lax.cummax, lax.cummin)
+        for a in (0, 1)
+        for r in (False, True)
+    },
+    **{
+        f"dot {d}": lambda x, d=d: lax.dot_general(x.reshape(2, 2, 2), -x.reshape(2, 2, 2), d)
+        for d in (
+            (((2,), (1,)), ((0,), (0,))),
+            (((0, 1), (2, 0)), ((), ())),
+            (((), ()), ((1,), (2,))),
+            (((0, 1, 2), (0, 1, 2)), ((), ())),
+        )
+    },
+    "scalar products": lambda x: jnp.stack(
+        [x @ x, jnp.vdot(x, x), jnp.inner(x, x), jnp.tensordot(x, x, 1), jnp.einsum("i,i->", x, x)]
+    ),
+    "truth times integers": lambda x: (x > 0) @ jnp.arange(8),
+    "counted": lambda x: jnp.stack([(x > 0).sum(), jnp.count_nonzero(x), jnp.cumsum(x > 0)[3]]),
+    "preferred": lambda x: lax.dot_general(x, x, (((0,), (0,)), ((), ())), preferred_element_type=jnp.float64),
+    "preferred narrow": lambda x: lax.dot_general(x, x, (((0,), (0,)), ((), ())), preferred_element_type=jnp.float32),
+    "mean of integers": lambda x: jnp.mean(jnp.clip(x, -9, 9).astype(int)),
+}
+NARROW = {
+    **{f"as {t}": lambda x, t=t: x.astype(t) for t in ("float32", "float16", "bfloat16", "complex64")},
+    "reduced": lambda x: lax.reduce_precision(x, 8, 23),
+    "complex": lambda x: (x + 1j * x).imag,
+    "sort": jnp.sort,
+    "bits": lambda x: lax.bitcast_convert_type(x, jnp.int64),
+    "next": lambda x: lax.nextafter(x, x + 1),
+    "while": lambda x: lax.while_loop(lambda y: y.sum() < 5, lambda y: y + 1, x),
+    "while of each": jax.vmap(lambda a: lax.while_loop(lambda y: y < 5, lambda y: y + 1, a)),
+    "fft": lambda x: jnp.fft.fft(x).real,
+    "random": lambda x: x + jax.random.normal(jax.random.key(x[0].astype(int)), (8,)),
+    "top": lambda x: lax.top_k(x, 2)[0],
+    "applied": lambda x: lax.scatter_apply(
+        x, jnp.array([[0]]), jnp.sin, lax.ScatterDimensionNumbers((), (0,), (0,)), update_shape=(1,)
+    ),
+}
+FIXED = {
+    "random": lambda x: x + jax.random.normal(jax.random.key(3), (8,)),
+    "single": lambda x: x + jnp.asarray(np.linspace(0, 1, 8), jnp.float32),
+    "half": lambda x: x + jnp.bfloat16(0.1),
+    "sorted": lambda x: x * jnp.sort(jnp.array([3.0, 1.0, 2.0])[jnp.arange(8) % 3]),
+    "bits": lambda x: x * (jnp.array([5, 6]) & 3)[0] + (jnp.uint8(200) + jnp.uint8(100)),
+    "fft": lambda x: x * jnp.abs(jnp.fft.fft(jnp.arange(8.0))),
+    "inverse": lambda x: jnp.linalg.inv(jnp.diag(jnp.arange(1.0, 9))) @ x,
+    "choice in single": lambda x: jnp.where(x > 0, jnp.float32(0.1), jnp.float32(0.2)) * x,
+    "large map": lambda x: x + jnp.zeros((60, 60)).at[:8, 0].set(x)[:8, 0] + jnp.concatenate([jnp.ones(5000), x])[-8:],
+}
+
+
+@pytest.mark.parametrize("cases", [MOVING, INDEXED, LOOPS], ids=["moving", "indexed", "loops"])
+def test_what_moves_elements_and_calls_functions(cases):
+    assert_equal(cases, ["apply"] if cases is INDEXED else (), rtol=1e-14)
+
+
+def test_sums_and_products_of_whole_numbers():
+    assert_equal(SUMS, ["preferred narrow"], rows=without_infinities(), zeros=False)
+
+
+def test_what_is_narrower_or_has_no_rule_is_refused():
+    assert_equal(NARROW | {"fine": lambda x: x}, NARROW)
+
+
+def test_known_numbers_are_computed_in_their_own_type():
+    assert_equal(FIXED, rtol=1e-14, rows=without_infinities())
+
+
+def positive(x):
+    return jnp.outer(x[:3], x[:3]) + 9 * jnp.eye(3)
+
+
+MATRICES = {
+    "cholesky": lambda x: lax.linalg.cholesky(positive(x), symmetrize_input=False),
+    "not positive": lambda x: lax.linalg.cholesky(jnp.outer(x[:2], x[:2]) - jnp.eye(2)),
+    "batch": lambda x: jax.vmap(lambda a: jnp.linalg.cholesky(positive(a)))(grid(x)),
+    **{
+        f"solve {f}": lambda x, f=f: lax.linalg.triangular_solve(
+            positive(x),
+            x[:6].reshape(3, 2) if f[0] else x[:6].reshape(2, 3),
+            left_side=f[0],
+            lower=f[1],
+            transpose_a=f[2],
+            unit_diagonal=f[3],
+        )
+        for f in product((False, True), repeat=4)
+    },
+    "solve batch": lambda x: jax.vmap(lambda a: jax.scipy.linalg.solve_triangular(positive(a), a[:3], lower=True))(
+        grid(x)
+    ),
+}
+
+
+def test_factors_and_triangles():
+    assert_equal(MATRICES, rtol=1e-9, rows=without_infinities() / 8)

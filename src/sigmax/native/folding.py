@@ -39,15 +39,15 @@ _EXACT: dict[str, tuple[Callable[..., Any], str]] = {
 _SAFE = {"int32": 2.0**30, "int64": 2.0**62, "uint32": 2.0**31, "uint64": 2.0**63}
 
 
-def folded(g: Graph, equation: Any, values: Sequence[Array]) -> Any:
-    """What an equation of known numbers gives, or None where its rule may find that from nodes."""
+def folded(g: Graph, equation: Any, values: Sequence[Array], unruled: bool) -> Any:
+    """What an equation of known numbers gives, or None where its rule, if there is one, may find that from nodes."""
     name = equation.primitive.name
     with np.errstate(all="ignore"):
         made = _by_numpy(equation, name, values)
     if made is not None:
         return made
     types = [v.aval.dtype for v in (*equation.invars, *equation.outvars)]
-    if all(t in (g.dtype, np.dtype(bool)) for t in types) and name != "while" and name != "scan":
+    if not unruled and name not in ("while", "scan") and all(t in (g.dtype, np.dtype(bool)) for t in types):
         return None
     # What acts on the world outside is not done while a function is only looked at.
     return None if equation.effects or "callback" in name else _by_jax(equation, values)

@@ -142,9 +142,10 @@ class Graph:
         Raises:
             Refused: for any other type.
         """
-        if dtype.kind == "f" and not any_width and dtype.itemsize < self.dtype.itemsize:
+        kind = getattr(dtype, "kind", "V")
+        if kind == "f" and not any_width and dtype.itemsize < self.dtype.itemsize:
             raise Refused(f"numbers of type {dtype} among those of type {self.dtype} cannot be lowered to C")
-        if dtype.kind not in "fiub":
+        if kind not in "fiub":
             raise Refused(f"numbers of type {dtype} cannot be lowered to C")
 
     def certain(self, integer: Node) -> Node:
@@ -187,7 +188,8 @@ class Graph:
     def apply(self, operation: str, *arguments: Node) -> Node:
         """An operation on nodes, simplified where numbers are known; NaN is not reasoned away.
 
-        The one exception is 0 · x = 0, which makes the zeros of a factor structural.
+        The one exception is 0 · x = 0, which makes the zeros of a factor structural; the sign of a zero is not kept
+        where a known zero is added or multiplied.
         """
         if operation == "select" and arguments[1].truth:
             operation = "select truth"

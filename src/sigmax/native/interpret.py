@@ -37,8 +37,8 @@ class Rule(NamedTuple):
 RULES: dict[str, Rule] = {}
 INTEGER_RULES: dict[str, Rule] = {}
 
-# Beyond this a straight line takes compilers too long.
-_LARGEST = 1_500_000
+# Beyond this nothing comes out that is small enough for a compiler: see `pieces`.
+_LARGEST = 300_000
 # Loops of known numbers alone are run, not written out.
 _RUN = ("while", "scan")
 
@@ -105,7 +105,9 @@ def evaluate_open(g: Graph, jaxpr: Jaxpr, constants: Sequence[Array], arguments:
         g.label = outer or str(equation.source_info.name_stack).partition("/")[0]
         results = apply_rule(g, equation, [read(v) for v in equation.invars])
         if len(g.nodes) > _LARGEST:
-            raise Refused(f"the step has more than {_LARGEST} scalar operations", line_of(equation))
+            raise Refused(
+                f"a step of more than {_LARGEST:,} scalar operations cannot be lowered to C", line_of(equation)
+            )
         known |= zip(equation.outvars, results, strict=True)
     g.label = outer
     return [read(v) for v in jaxpr.outvars]
@@ -132,11 +134,16 @@ def apply_rule(g: Graph, equation: Any, arguments: Sequence[Array]) -> list[Arra
 def _applied(g: Graph, equation: Any, arguments: Sequence[Array]) -> list[Array]:
     name, types = equation.primitive.name, [_dtype(v) for v in equation.invars]
     all_types = [*types, *(_dtype(v) for v in equation.outvars)]
-    integers = any(t.kind in "iu" for t in all_types)
+    integers = any(_kind(t) in "iu" for t in all_types)
     found = (INTEGER_RULES if integers else RULES).get(name)
     arguments = [g.known(a, t) for a, t in zip(arguments, types, strict=True)]
     if all(a.dtype != object for a in arguments) and not (found and found.calls and name not in _RUN):
-        made = found.function(g, equation, *arguments) if found and found.moves else folded(g, equation, arguments)
+        moves = found is not None and found.moves
+        made = (
+            found.function(g, equation, *arguments)
+            if found and moves
+            else folded(g, equation, arguments, found is None)
+        )
         if made is not None:
             return _listed(equation, made)
     if found is None:
@@ -154,6 +161,11 @@ def _applied(g: Graph, equation: Any, arguments: Sequence[Array]) -> list[Array]
 
 def _listed(equation: Any, made: Any) -> list[Array]:
     return [boxed(value) for value in (made if equation.primitive.multiple_results else [made])]
+
+
+def _kind(dtype: Any) -> str:
+    """As NumPy has it; of what NumPy has no type for "V"."""
+    return str(getattr(dtype, "kind", "V"))
 
 
 def _dtype(variable: Any) -> Any:

@@ -9,8 +9,8 @@ from sigmax.native.node import Node
 
 # Compilers take more than proportionally long over long functions.
 _LONGEST = 700
-# Beyond this a compiler takes minutes and gigabytes, such as over the 3⁷ points of a Gauss–Hermite rule.
-LARGEST = 400_000
+# Beyond this a compiler takes minutes and gigabytes, such as over 70 states or the 3⁷ points of a Gauss–Hermite rule.
+LARGEST = 250_000
 # Numbers of its tables, which a compiler reads one by one.
 LARGEST_TABLES = 500_000
 

@@ -18,6 +18,8 @@ def coarse_constants(function: Callable[..., Any], traced: ClosedJaxpr) -> list[
     """Each constant of a traced function that seems to have lost digits in float32: what it is, and where."""
     found = []
     for value, where in _constants(traced.jaxpr, dict(zip(traced.jaxpr.constvars, traced.consts, strict=True))):
+        if value.dtype not in (np.float32, np.float64):
+            continue
         array = np.asarray(value)
         if _coarse(array):
             called = _name_in(function, array)
@@ -69,7 +71,7 @@ def _name_in(function: Any, value: np.ndarray) -> str:
         waiting += [f for f in (getattr(one, "__wrapped__", None), getattr(one, "func", None)) if callable(f)]
         for name, held in _variables(one).items():
             if isinstance(held, np.ndarray | np.generic | jax.Array) and not isinstance(held, jax.core.Tracer):
-                same = held.shape == value.shape and np.dtype(held.dtype) == np.float32
+                same = held.shape == value.shape and held.dtype == np.float32
                 if same and np.array_equal(np.asarray(held, float), value, equal_nan=True):
                     return name
             elif callable(held):
