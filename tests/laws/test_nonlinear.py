@@ -2,6 +2,7 @@
 
 from functools import cache
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -78,6 +79,26 @@ def test_every_form_is_the_covariance_form_with_a_bias_and_two_sensors(name):
     assert np.abs((got.bias_mean - want.bias_mean) / want.bias_std).max() < 1e-10
     assert np.allclose(got.bias_cov, want.bias_cov, rtol=1e-8, atol=0)
     assert np.allclose(got.nis, want.nis, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["EKF", "UKF", "SRUKFB", "SRHCKF", "CIF"])
+def test_the_smoother_is_that_of_rauch_tung_and_striebel_on_the_rule(name):
+    """G = S Eᵀ P⁻⁻¹ and P + G (P_s − P⁻) Gᵀ in products and inverses; some of these rules have negative weights."""
+    filter = made(name)
+    got, u = turned(filter), jnp.zeros(1)
+    smoothed = sigmax.smooth(filter, TURNING, got, dt=DT, inputs=np.array([np.full((6, 1), t) for t in (*TURNS, 0.0)]))
+    assert smoothed.ok.all()
+    late, P_late = got.mean[0, -1], got.cov[0, -1]
+    for k in range(4, -1, -1):
+        line = filter.predict(lambda x: TURNING.motion(x, DT, u), got.mean[0, k], got.factor[0, k], TURNING.angular)
+        E, N, D = line.slope, line.residual, line.deficit
+        ahead = E @ E.T + N @ N.T - D @ D.T + TURNING.Q * DT
+        G = got.factor[0, k] @ E.T @ np.linalg.inv(ahead)
+        late = got.mean[0, k] + G @ (late - line.mean)
+        P_late = got.cov[0, k] + G @ (P_late - ahead) @ G.T
+        sd = np.sqrt(np.diagonal(P_late))
+        assert np.abs((smoothed.mean[0, k] - late) / sd).max() < 1e-9
+        assert np.abs((smoothed.cov[0, k] - P_late) / np.outer(sd, sd)).max() < 1e-9
 
 
 def test_the_information_form_as_printed_is_overconfident():

@@ -145,6 +145,20 @@ def test_a_prior_of_any_size_leaves_the_deviation_of_the_sensor(name):
 
 
 @pytest.mark.parametrize("name", ONE_OF_EACH_FORM)
+def test_sixty_steps_from_a_huge_prior_by_a_sensor_of_a_sum(name):
+    rng = np.random.default_rng(6)
+    p = Problem(F=[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]], H=[[1, 1, 0], [0, 0, 1]], Q=1e-9, R=1e-6, P0=1e12)
+    x, p.z = np.array([4e5, -3e5, 1e6]), np.zeros((60, 2))
+    for k in range(60):
+        x = p.F @ x + np.sqrt(1e-9) * rng.normal(size=3)
+        p.z[k] = p.H @ x + 1e-3 * rng.normal(size=2)
+    for got, (mean, std) in zip(p.smooth(name), p.exact(), strict=True):
+        assert got.ok.all()
+        assert (np.abs(got.mean - mean) / std).max() < 1e-4
+        assert np.abs(got.std / std - 1).max() < 1e-6
+
+
+@pytest.mark.parametrize("name", ONE_OF_EACH_FORM)
 def test_units_of_the_components_are_of_no_account(name):
     """Powers of two in each component: the same bits."""
     rng = np.random.default_rng(5)
