@@ -15,6 +15,9 @@ from sigmax.reports.replaced import clear_leftovers, replaced
 from tests.own_records import RADAR, radar_table, write_csv, write_radar
 from tests.test_cli import cli
 
+needs_proc = pytest.mark.skipif(
+    not Path("/proc/self/status").exists(), reason="only Linux tells which signals are caught"
+)
 COMMANDS = {
     "track": ["track", "radar.toml"],
     "several": ["track", "radar.toml", "-f", "HCKF", "-f", "SRUKFB"],
@@ -40,9 +43,20 @@ def started(arguments: list[str], folder: Path) -> subprocess.Popen[str]:
     )
 
 
+def wait_until_it_listens(process: subprocess.Popen[str]) -> None:
+    """Before our first line Python itself answers a signal; that SIGTERM is caught tells that it has been read."""
+    while process.poll() is None:
+        status = Path(f"/proc/{process.pid}/status").read_text()
+        caught = int(re.search(r"SigCgt:\s*(\w+)", status)[1], 16)  # type: ignore[index]
+        if caught >> (signal.SIGTERM - 1) & 1:
+            return
+        time.sleep(0.001)
+
+
 def ended_by(number: signal.Signals, arguments: list[str], after: float, folder: Path) -> bool:
     """Whether a command was still at work when it was sent a signal after so many seconds; how it ended is checked."""
     process = started(arguments, folder)
+    wait_until_it_listens(process)
     time.sleep(after)
     process.send_signal(number)
     _, told = process.communicate(timeout=120)
@@ -54,24 +68,13 @@ def ended_by(number: signal.Signals, arguments: list[str], after: float, folder:
     return True
 
 
-@pytest.fixture(scope="module")
-def awake() -> float:
-    """Seconds after which an interpreter has surely come to our first line; before it Python answers a signal."""
-    code = [sys.executable, "-c", "import sigmax.cli"]
-    begun = time.perf_counter()
-    for _ in range(3):
-        subprocess.run(code, check=True)
-    return 0.05 + time.perf_counter() - begun
-
-
+@needs_proc
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_run_with_one_line_and_nothing_left(
-    number: signal.Signals, awake: float, tmp_path: Path
-) -> None:
+def test_a_signal_ends_a_run_with_one_line_and_nothing_left(number: signal.Signals, tmp_path: Path) -> None:
     """While packages are imported, while a step is traced and compiled."""
     write_radar(tmp_path)
     before = {p.name for p in tmp_path.iterdir()}
-    heard = [ended_by(number, COMMANDS["several"], awake + t, tmp_path) for t in (0.0, 0.6, 1.2, 2.0)]
+    heard = [ended_by(number, COMMANDS["several"], t, tmp_path) for t in (0.0, 0.6, 1.2, 2.0)]
     assert heard[0]
     assert {p.name for p in tmp_path.iterdir()} - before <= {"cache", "runs"}
     assert not list((tmp_path / "runs").glob(".*"))
@@ -79,13 +82,14 @@ def test_a_signal_ends_a_run_with_one_line_and_nothing_left(
 
 
 @pytest.mark.slow
+@needs_proc
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_signal_ends_any_command_at_any_moment(command: str, awake: float, tmp_path: Path) -> None:
+def test_a_signal_ends_any_command_at_any_moment(command: str, tmp_path: Path) -> None:
     write_radar(tmp_path)
     heard = 0
     for step in range(16):
         for number in (signal.SIGINT, signal.SIGTERM):
-            heard += ended_by(number, COMMANDS[command], awake + 0.2 * step, tmp_path)
+            heard += ended_by(number, COMMANDS[command], 0.2 * step, tmp_path)
     assert heard
     assert not [p for p in tmp_path.rglob(".*") if p.suffix in (".part", ".old")]
 

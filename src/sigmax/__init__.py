@@ -59,6 +59,8 @@ _WHERE = {name: module for module, names in _HOME.items() for name in names}
 _MODULES = ("forms", "records", "reports", "rules", "tracking")
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from sigmax import forms, records, reports, rules, tracking
     from sigmax.algebra.arrays import wrap
     from sigmax.errors import InputError
@@ -138,7 +140,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name in _WHERE:
         return getattr(importlib.import_module(_WHERE[name]), name)
     if name in _MODULES:

@@ -45,18 +45,20 @@ def ends_by_signal() -> Iterator[None]:
     """
     numbers = [getattr(signal, name) for name in _WORDS if hasattr(signal, name)]
     heard = [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]
+    try:
+        before = {number: signal.signal(number, _pause) for number in heard}
+    except ValueError:
+        # Another thread than the main one: signals do what they did.
+        yield
+        return
     ours, wakes = os.pipe()
     os.set_blocking(wakes, False)
     try:
         before_fd = signal.set_wakeup_fd(wakes, warn_on_full_buffer=False)
     except ValueError:
-        # Another thread than the main one, or a system that takes no pipe: signals do what they did.
-        os.close(ours)
-        os.close(wakes)
-        yield
-        return
+        # A system that takes no pipe hears a signal when Python comes to it.
+        before_fd = -1
     _thread.start_new_thread(_watch, (ours, heard))
-    before = {number: signal.signal(number, _pause) for number in heard}
     try:
         yield
     finally:

@@ -7,10 +7,12 @@ import random
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from sigmax.serving import Feed, Service
@@ -259,6 +261,43 @@ def test_who_finds_no_room_is_told(tmp_path, end, most):
             file.flush()
         assert f"{most} " in json.loads(file.readline())["closed"]
         assert file.readline() == b""
+
+
+@pytest.mark.slow
+def test_a_thousand_connections_and_hostile_lines_change_no_track(tmp_path):
+    """They come and go, say nonsense, half a line or nothing; the plots of one who means it are tracked as alone."""
+    some, rng = lines(100), np.random.default_rng(4)
+    nonsense = [
+        b"\x00" * 1000, b"{" * 100_000, b"[" * 100_000, b'"' + b"a" * 100_000, b"\xff\xfe\xfd", b"null", b"1e999",
+        b'{"t": 1e308, "n_km": 1e308, "e_km": -1e308}', b'{"t": NaN}', b'{"t": 1, "plots": [[[]]]}', b"}" * 100,
+        b'{"flush": false, "serial": -1}', b'{"t": "9999-12-31T23:59:59Z", "n_km": null, "e_km": NaN}', b"GET /",
+        b'{"t": 1, "n_km": 1' + b"0" * 5000 + b', "e_km": 1}', b'{"t": 1, "sensor": "' + b"x" * 5000 + b'"}',
+    ]  # fmt: skip
+    with process(tmp_path, "--from", "tcp:0", "--to", "tcp:0", "--max-line", "20000") as run:
+        plots, updates = addresses(run)
+        with contextlib.ExitStack() as stack:
+            consumer, told = reader(updates)
+            stack.enter_context(consumer)
+            sender, answers = reader(plots)
+            stack.enter_context(sender)
+            json.loads(answers.readline())
+            for k in range(1000):
+                passing = socket.create_connection(plots if k % 3 else updates, timeout=WAIT)
+                with passing, contextlib.suppress(OSError):
+                    passing.sendall(nonsense[k % len(nonsense)] + b"\n" * int(rng.integers(2)))
+                    if k % 5 == 0:
+                        # The end of a connection without any courtesy.
+                        passing.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                if k % 10 == 0:
+                    sender.sendall(some[k // 10] + b"\n")
+            sender.sendall(b"".join(line + b"\n" for line in [*some[100:], b'{"flush": true}']))
+            last = until_update(told, -(-len(some) // 4))
+        run.send_signal(signal.SIGTERM)
+        assert run.wait(WAIT) == 0
+        assert b"Traceback" not in run.stderr.read()
+    service = Service(Feed(written(tmp_path)))
+    tracked(service, [*some, b'{"flush": true}'])
+    assert last == json.loads(service.latest)
 
 
 def test_it_ends_when_the_work_fails_and_lines_wait(tmp_path):

@@ -3,18 +3,20 @@
 import ctypes
 import hashlib
 import os
+import shutil
 import stat
 import subprocess
 import tempfile
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import platformdirs
 
 from sigmax.native.machine import NARROWEST, compiler, cores, lane_bytes, processor
 from sigmax.native.refusal import say_once
+from sigmax.signals import undone_by_signal
 
 # Without errno and traps compilers may use vector instructions; NaN and infinity keep their meaning.
 _FLAGS = (
@@ -206,7 +208,7 @@ def _compiled(root: Path, key: str, source: str, settings: tuple[str, ...]) -> P
     folder.mkdir(mode=_OURS, exist_ok=True)
     if not is_ours(folder, root):
         raise PermissionError("other users may write in it")
-    with tempfile.TemporaryDirectory(dir=folder) as work:
+    with tempfile.TemporaryDirectory(dir=folder) as work, undone_by_signal(partial(shutil.rmtree, work)):
         made = Path(work) / "step.so"
         command = [*found.command, *_FLAGS, *settings, f"-I{_HERE}", "-x", "c", "-", "-o", str(made), "-lm"]
         try:
