@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 
 from sigmax.errors import InputError
-from sigmax.reports.replaced import clear_leftovers, replaced
+from sigmax.leftovers import clear_leftovers
+from sigmax.reports.folder import check_folder
+from sigmax.reports.replaced import replaced
 from tests.own_records import RADAR, radar_table, write_csv, write_radar
 from tests.test_cli import cli
 
@@ -128,6 +130,17 @@ def test_a_result_that_a_killed_run_had_set_aside_comes_back(tmp_path: Path) -> 
     clear_leftovers(tmp_path / "results")
     assert (tmp_path / "results" / "summary.json").is_file()
     assert not aside.exists()
+
+
+def test_a_study_killed_while_it_stored_goes_on(tmp_path: Path) -> None:
+    """What it had begun to write in its own folder makes of it no folder of other things."""
+    (tmp_path / "sums.npz").touch()
+    (tmp_path / f".sums.npz.{dead()}.part").write_text("half")
+    check_folder(tmp_path, ["sums.npz", "report.html"], "sums.npz")
+    assert [p.name for p in tmp_path.iterdir()] == ["sums.npz"]
+    (tmp_path / f".sums.npz.{os.getppid()}.part").write_text("half")
+    with pytest.raises(InputError, match="holds other things"):
+        check_folder(tmp_path, ["sums.npz", "report.html"], "sums.npz")
 
 
 def test_a_folder_that_another_process_holds_is_let_alone(tmp_path: Path) -> None:

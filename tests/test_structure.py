@@ -17,6 +17,7 @@ ORDER = [
     "errors",
     "signals",
     "ownership",
+    "leftovers",
     "native",
     "algebra",
     "dependence",

@@ -1,7 +1,6 @@
 """`sigmax export c`: a filter on a model as a folder of C99."""
 
 import contextlib
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +15,7 @@ from sigmax.export.source import Names, header, identifier, identifiers, source
 from sigmax.export.testing import makefile, test_program
 from sigmax.export.vectors import Rows, filtered, simulated
 from sigmax.filters import Filter
+from sigmax.leftovers import clear_leftovers, part_of
 from sigmax.models.fusion import Fused, name_of, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
@@ -128,7 +128,7 @@ def _write(folder: Path, texts: Mapping[str, str]) -> None:
         InputError: where the disk does not take them.
     """
     fresh = [p for p in (folder, *folder.parents) if not p.exists()]
-    parts = {file: folder / f".{file}.{os.getpid()}.part" for file in texts}
+    parts = {file: part_of(folder / file) for file in texts}
 
     def undo() -> None:
         for part in parts.values():
@@ -142,6 +142,7 @@ def _write(folder: Path, texts: Mapping[str, str]) -> None:
         with undone_by_signal(undo):
             folder.mkdir(parents=True, exist_ok=True)
             for file, text in texts.items():
+                clear_leftovers(folder / file)
                 parts[file].write_text(text, encoding="utf-8")
             for file, part in parts.items():
                 part.replace(folder / file)

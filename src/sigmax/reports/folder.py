@@ -13,6 +13,7 @@ from pyarrow import parquet
 
 import sigmax
 from sigmax.errors import InputError
+from sigmax.leftovers import clear_leftovers
 from sigmax.records import Outcome, Record
 from sigmax.reports.page import page
 from sigmax.reports.replaced import replaced
@@ -44,6 +45,8 @@ def _check_folder(folder: Path, names: Collection[str], mark: str) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError(f"{folder} is a {'link' if folder.is_symlink() else 'file'}; give --out a folder")
     if folder.is_dir():
+        for name in names:
+            clear_leftovers(folder / name)
         inside = sorted(p.name for p in folder.iterdir())
         others = [name for name in inside if name not in names]
         if others or (inside and not (folder / mark).is_file()) or not _ours(folder):

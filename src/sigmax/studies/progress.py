@@ -1,13 +1,15 @@
 """What has been summed so far, on disk: a study that was stopped goes on where it stopped."""
 
 import json
-import os
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from sigmax.leftovers import clear_leftovers, part_of
+from sigmax.signals import undone_by_signal
 from sigmax.studies.bound import Information
 from sigmax.studies.sums import Sums
 from sigmax.studies.work import Done
@@ -68,10 +70,12 @@ def store(path: Path, totals: Totals, settings: Mapping[str, Any]) -> None:
         arrays |= {f"told/{field}": value for field, value in totals.told._asdict().items()}
     about = {"settings": settings, "blocks": totals.blocks, "escaped": totals.escaped, "pieces": totals.pieces}
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    with part.open("wb") as file:
-        np.savez(file, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
-    part.replace(path)
+    clear_leftovers(path)
+    part = part_of(path)
+    with undone_by_signal(partial(part.unlink, missing_ok=True)):
+        with part.open("wb") as file:
+            np.savez(file, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+        part.replace(path)
 
 
 def restore(path: Path, settings: Mapping[str, Any], like: Mapping[str, Sums], size: int) -> tuple[Totals, str]:
