@@ -9,6 +9,7 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.filterpy import steps
 from sigmax.filterpy.compiled import Corrected, Predicted
+from sigmax.models.checks import numbers
 
 _FLOOR = sys.float_info.min
 
@@ -121,6 +122,10 @@ class Base:
         Lr = steps.factor(matrix("R", R, m)[np.ix_(seen, seen)], "R")
         made = steps.correct(self._factor(), steps.Line(*(part[seen] for part in line)), Lr, y[seen])
         self._take(z, y[seen], made, add)
+        self._widen(seen, m)
+
+    def _widen(self, seen: np.ndarray, m: int) -> None:
+        """Results of the components that were seen, in their places among all m."""
         y_seen, K_seen, S_seen = self.y, self.K, self.S
         self.y = np.full((m, *y_seen.shape[1:]), np.nan)
         self.K, self.S = np.zeros((self.dim_x, m)), np.full((m, m), np.nan)
@@ -152,6 +157,17 @@ def matrix(name: str, given: Any, n: int) -> np.ndarray:
     if value.shape != (n, n):
         raise InputError(f"{name} must be a number or a covariance of shape {(n, n)}; it has the shape {value.shape}")
     return value
+
+
+def measured(z: Any) -> Any:
+    """A measurement as floats, NaN where it is None, NA or masked; None where there is none.
+
+    Raises:
+        InputError: for what is no number.
+    """
+    if z is None or isinstance(z, float) or (type(z) is np.ndarray and z.dtype == float):
+        return z
+    return numbers("z", z, missing=True)
 
 
 def tuple_of(arguments: Any) -> tuple[Any, ...]:

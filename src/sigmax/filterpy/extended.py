@@ -6,7 +6,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filterpy import steps
-from sigmax.filterpy.base import Base, tuple_of
+from sigmax.filterpy.base import Base, measured, tuple_of
 
 
 class ExtendedKalmanFilter(Base):
@@ -52,15 +52,16 @@ class ExtendedKalmanFilter(Base):
             hx_args: for Hx.
             residual: z, expected -> their difference.
         """
+        z = measured(z)
         if z is None:
             self._updated(None)
             return
         H = np.atleast_2d(np.asarray(HJacobian(self.x, *tuple_of(args)), float))
         expected = np.asarray(Hx(self.x, *tuple_of(hx_args)), float)
-        measured = np.asarray(z, float)
-        if measured.size != expected.size:
-            raise InputError(f"z has {measured.size} components, Hx gives {expected.size}")
-        y = np.ravel(np.asarray(residual(measured.reshape(expected.shape), expected), float))
+        seen = np.asarray(z, float)
+        if seen.size != expected.size:
+            raise InputError(f"z has {seen.size} components, Hx gives {expected.size}")
+        y = np.ravel(np.asarray(residual(seen.reshape(expected.shape), expected), float))
         self._correct(z, y, steps.straight(H @ self._factor()), self.R if R is None else R)
 
     def predict_update(

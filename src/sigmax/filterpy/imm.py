@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.filterpy.base import shown
+from sigmax.filterpy.base import measured, shown
 
 
 class IMMEstimator:
@@ -56,7 +56,8 @@ class IMMEstimator:
 
     def update(self, z: Any) -> None:
         """Correct every filter with z; a missing one leaves the models' probabilities as predicted."""
-        if z is None or np.isnan(np.asarray(z, float)).all():
+        z = measured(z)
+        if z is None or np.isnan(z).all():
             for f in self.filters:
                 f.update(None)
             self.mu = self.cbar

@@ -7,7 +7,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filterpy import steps
-from sigmax.filterpy.base import Base, matrix
+from sigmax.filterpy.base import Base, matrix, measured
 from sigmax.filterpy.compiled import Predicted
 
 
@@ -61,6 +61,7 @@ class KalmanFilter(Base):
 
     def update(self, z: Any, R: Any = None, H: Any = None) -> None:
         """Correct with z, a number, (m,) or (m, 1), None or NaN where it is missing."""
+        z = measured(z)
         if z is None:
             self._updated(None)
             return
@@ -76,6 +77,11 @@ class KalmanFilter(Base):
 
     def update_steadystate(self, z: Any) -> None:
         """Correct x by the gain K as it is, and leave P, S and K."""
+        z = measured(z)
+        missing = z is None or np.isnan(z)
+        if np.any(missing) and not np.all(missing):
+            raise InputError("a steady gain takes whole measurements; where a component is missing, use update")
+        z = None if np.any(missing) else z
         if z is not None:
             y, _ = self._off(z, None)
             self.x = self.x + (self.K @ y).reshape(np.shape(self.x))
@@ -85,17 +91,29 @@ class KalmanFilter(Base):
 
     def update_correlated(self, z: Any, R: Any = None, H: Any = None) -> None:
         """Correct where the noise of the motion before and that of the sensor have the covariance `M` (n, m)."""
+        z = measured(z)
         if z is None:
             self._updated(None)
             return
         y, H = self._off(z, H)
-        noise = matrix("R", self.R if R is None else R, len(y))
+        m, seen = len(y), np.flatnonzero(~np.isnan(y))
+        if not len(seen):
+            self._updated(None)
+            return
+        noise, y, H, M = (
+            matrix("R", self.R if R is None else R, m)[np.ix_(seen, seen)],
+            y[seen],
+            H[seen],
+            self.M[:, seen],
+        )
         # State and noise of the sensor as one Gaussian, of which H x + v is a straight line.
-        together = np.block([[np.asarray(self.P, float), self.M], [np.transpose(self.M), noise]])
+        together = np.block([[np.asarray(self.P, float), M], [M.T, noise]])
         joint = steps.factor(together)
         line = steps.straight(H @ joint[: self.dim_x] + joint[self.dim_x :])
         made = steps.correct(joint[: self.dim_x], line, np.zeros((len(y), len(y))), y)
         self._take(z, y, made, np.add)
+        if len(seen) < m:
+            self._widen(seen, m)
 
     def update_sequential(self, start: int, z_i: Any, R_i: Any = None, H_i: Any = None) -> None:
         """Correct with the components of a measurement from `start` on; `y`, `z` and `K` keep the others.
@@ -106,6 +124,7 @@ class KalmanFilter(Base):
             R_i: their covariance, if not that part of R.
             H_i: their rows, if not those of H.
         """
+        z_i = measured(z_i)
         part = slice(start, start + np.size(z_i))
         n, m, column = self.dim_x, self.dim_z, np.ndim(self.x) == 2
         known = np.size(self.z) == m and self.z is not None

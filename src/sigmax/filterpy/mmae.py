@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.filterpy.base import shown
+from sigmax.filterpy.base import measured, shown
 from sigmax.filterpy.imm import moments
 
 
@@ -49,7 +49,8 @@ class MMAEFilterBank:
         """Correct every filter with z; a missing one leaves the probabilities as they are."""
         H = self.H if H is None else H
         given = {"R": R, **({} if H is None else {"H": H})}
-        missing = z is None or bool(np.isnan(np.asarray(z, float)).all())
+        z = measured(z)
+        missing = z is None or bool(np.isnan(z).all())
         for f in self.filters:
             f.update(None if missing else z, **given)
         if not missing:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filterpy import steps
-from sigmax.filterpy.base import Base, tuple_of
+from sigmax.filterpy.base import Base, measured, tuple_of
 from sigmax.filterpy.calls import Pointwise, is_same
 from sigmax.filterpy.points import Cubature, plain
 
@@ -43,6 +43,7 @@ class _Sampled(Base):
         self.sigmas_f = self._draw(mean, self._factor())
 
     def _update(self, z: Any, R: Any, hx: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> None:
+        z = measured(z)
         if z is None:
             self._updated(None)
             return
@@ -52,10 +53,10 @@ class _Sampled(Base):
         self.sigmas_h = self._through(hx or self.hx)(self.sigmas_f, *arguments, **named)
         mean = _mean(self.z_mean, self.sigmas_h, self.Wm)
         line = self._line(S, self.sigmas_f, np.ravel(self.x), _differences(self.residual_z, self.sigmas_h, mean))
-        measured = np.ravel(np.asarray(z, float))
-        if measured.shape != mean.shape:
-            raise InputError(f"z has {measured.size} components, hx gives {mean.size}")
-        y = np.ravel(np.asarray(self.residual_z(measured, mean), float))
+        seen = np.ravel(np.asarray(z, float))
+        if seen.shape != mean.shape:
+            raise InputError(f"z has {seen.size} components, hx gives {mean.size}")
+        y = np.ravel(np.asarray(self.residual_z(seen, mean), float))
         self._correct(z, y, line, self.R if R is None else R, self.state_add)
 
     def _moved(

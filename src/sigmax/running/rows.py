@@ -130,10 +130,14 @@ class RowSteps:
 
     def cov(self, rows: np.ndarray) -> np.ndarray:
         """The covariances (B, n, n)."""
+        return covariances(self.factor(rows))
+
+    def factor(self, rows: np.ndarray) -> np.ndarray:
+        """The lower factors S of the covariances, P = S Sᵀ (B, n, n)."""
         n = self.packing.n
         S = np.zeros((len(rows), n * n), rows.dtype)
         S[:, self._lower] = rows[:, n : n + n * (n + 1) // 2]
-        return covariances(S.reshape(-1, n, n))
+        return S.reshape(-1, n, n)
 
     def _native(
         self, rows: np.ndarray, dt: np.ndarray | None, sensor: str | None, z: np.ndarray | None, u: Any

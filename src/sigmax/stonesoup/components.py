@@ -10,15 +10,15 @@ from stonesoup.base import Base, Property
 from stonesoup.models.measurement import MeasurementModel
 from stonesoup.predictor.base import Predictor
 from stonesoup.types.array import CovarianceMatrix, StateVector
-from stonesoup.types.prediction import MeasurementPrediction, Prediction
-from stonesoup.types.state import State, StateMutableSequence
+from stonesoup.types.prediction import GaussianMeasurementPrediction, MeasurementPrediction, Prediction
+from stonesoup.types.state import GaussianState, SqrtGaussianState, State, StateMutableSequence
 from stonesoup.types.update import Update
 from stonesoup.updater.base import Updater
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models import Model, angle
-from sigmax.models.checks import symmetric_semidefinite
+from sigmax.models.checks import numbers, symmetric_semidefinite
 from sigmax.running.edge import as_filter
 from sigmax.running.rows import RowSteps
 from sigmax.stonesoup.translate import Seen, motion_of, sensor_of
@@ -79,9 +79,12 @@ def _predicted(predictor: SigmaxPredictor, prior: Any, timestamp: Any, told: Any
     rows, fault = steps.predict(_rows(steps, prior), seconds)
     if fault[0]:
         raise FloatingPointError(f"the prediction of {predictor.filter} to {timestamp} is not sound")
-    mean, cov = _vector(steps.mean(rows)[0]), steps.cov(rows)[0].view(CovarianceMatrix)
     made = Prediction.from_state(
-        prior, mean, cov, timestamp=timestamp, transition_model=predictor.transition_model, prior=prior
+        prior,
+        *_moments(steps, rows, prior),
+        timestamp=timestamp,
+        transition_model=predictor.transition_model,
+        prior=prior,
     )
     _remembered(steps, made, rows)
     return made
@@ -119,14 +122,14 @@ class SigmaxUpdater(Updater):  # type: ignore[misc]
         if hypothesis.measurement_prediction is None:
             hypothesis.measurement_prediction = self.predict_measurement(prediction, model)
         steps, seen = _steps(self.filter, model, _told(model))
-        z = np.asarray(detection.state_vector).astype(float).reshape(1, -1)
+        z = np.asarray(numbers("a detection", detection.state_vector, missing=True), float).reshape(1, -1)
         if z.size != len(seen.R):
             raise InputError(f"the detection has {z.size} components, the measurement model {len(seen.R)}")
         rows, _, fault = steps.correct(_rows(steps, prediction), "", z, seen.u)
         if fault[0]:
             raise FloatingPointError(f"the correction of {self.filter} at {detection.timestamp} is not sound")
-        mean, cov = _vector(steps.mean(rows)[0]), steps.cov(rows)[0].view(CovarianceMatrix)
-        made = Update.from_state(prediction, mean, cov, timestamp=detection.timestamp, hypothesis=hypothesis)
+        moments = _moments(steps, rows, prediction)
+        made = Update.from_state(prediction, *moments, timestamp=detection.timestamp, hypothesis=hypothesis)
         _remembered(steps, made, rows)
         return made
 
@@ -149,7 +152,11 @@ def _expected(updater: SigmaxUpdater, predicted: Any, model: Any, told: Any, noi
     mean = StateVector([v if a is None else a(v) for v, a in zip(expected.tolist(), seen.angles, strict=True)])
     covar = S if noisy else S - seen.R
     return MeasurementPrediction.from_state(
-        predicted, mean, covar.view(CovarianceMatrix), cross_covar=cross.reshape(n, m).view(CovarianceMatrix)
+        predicted,
+        mean,
+        covar.view(CovarianceMatrix),
+        cross_covar=cross.reshape(n, m).view(CovarianceMatrix),
+        target_type=GaussianMeasurementPrediction,
     )
 
 
@@ -193,8 +200,13 @@ def _rows(steps: RowSteps, state: Any) -> np.ndarray:
     kept = getattr(state, _ROW, None)
     if kept is not None and kept[0] == steps.filter and kept[1] is state.state_vector and kept[2] is state.covar:
         return kept[3]
-    mean = np.asarray(state.state_vector).astype(float).reshape(1, -1)
-    cov = np.asarray(state.covar, float)[None]
+    if not isinstance(state, GaussianState | SqrtGaussianState):
+        raise InputError(
+            f"a state must be Gaussian, by its covariance or its root; of a {type(state).__name__} with moments make "
+            "GaussianState(state.mean, state.covar, timestamp=state.timestamp)"
+        )
+    mean = np.asarray(numbers("the mean of a state", state.state_vector), float).reshape(1, -1)
+    cov = np.asarray(numbers("the covariance of a state", state.covar), float)[None]
     n = steps.packing.n
     if mean.shape != (1, n) or cov.shape != (1, n, n):
         raise InputError(f"the state has {mean.size} components, the model {n}")
@@ -219,8 +231,11 @@ def _remembered(steps: RowSteps, state: Any, rows: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _vector(mean: np.ndarray) -> StateVector:
-    return np.array(mean).reshape(-1, 1).view(StateVector)
+def _moments(steps: RowSteps, rows: np.ndarray, like: Any) -> tuple[StateVector, CovarianceMatrix]:
+    """Mean and covariance of a row; the root of the covariance where the state that it comes from stores one."""
+    mean = np.array(steps.mean(rows)[0]).reshape(-1, 1).view(StateVector)
+    spread = steps.factor(rows) if isinstance(like, SqrtGaussianState) else steps.cov(rows)
+    return mean, spread[0].view(CovarianceMatrix)
 
 
 def _states(n: int) -> tuple[str, ...]:
