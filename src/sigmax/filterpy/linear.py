@@ -104,7 +104,7 @@ class KalmanFilter(Base):
             matrix("R", self.R if R is None else R, m)[np.ix_(seen, seen)],
             y[seen],
             H[seen],
-            self.M[:, seen],
+            np.asarray(self.M)[:, seen],
         )
         # State and noise of the sensor as one Gaussian, of which H x + v is a straight line.
         together = np.block([[np.asarray(self.P, float), M], [M.T, noise]])

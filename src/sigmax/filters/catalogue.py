@@ -1,7 +1,8 @@
 """The named filters, a line each."""
 
 import inspect
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Hashable, Mapping
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -218,7 +219,30 @@ def get(name: str, **parameters: Any) -> Filter:
     Raises:
         InputError: for a name or a parameter that is not known, with the nearest ones that are.
     """
-    return _made(name, tuple(parameters.items()))
+    for parameter, value in parameters.items():
+        if not isinstance(value, Hashable):
+            raise InputError(f"{parameter} must be one value; it is {type(value).__name__}")
+    return _made(str(name), tuple(parameters.items()))
+
+
+def _fitted(filter: str, parameter: str, kind: Any, value: Any) -> Any:
+    """A parameter, as a number or a truth value where it should be one.
+
+    Raises:
+        InputError: for anything else.
+    """
+    if value is None and kind == float | None:
+        return None
+    wanted = {bool: "True or False", int: "a whole number", float | None: "a finite number"}.get(kind)
+    try:
+        fits = wanted is None or (not isinstance(value, str) and math.isfinite(value))
+        fits &= kind is not bool or value in (0, 1)
+        fits &= kind is not int or value == int(value)
+    except (TypeError, ValueError, OverflowError):
+        fits = False
+    if not fits:
+        raise InputError(f"{parameter} of {filter} must be {wanted}; it is {value!r}")
+    return value
 
 
 @lru_cache(maxsize=256)
@@ -233,6 +257,9 @@ def _made(name: str, given: tuple[tuple[str, Any], ...]) -> Filter:
         if parameter not in entry.parameters:
             takes = ", ".join(entry.parameters) or "no parameters"
             raise InputError(f"{found} has no parameter {parameter!r}; it takes {takes}")
+    makers = (entry.predict, entry.correct, entry.form)
+    kinds = {k: p.annotation for make in makers for k, p in inspect.signature(make).parameters.items()}
+    parameters = {k: _fitted(found, k, kinds[k], v) for k, v in parameters.items()}
 
     def make(maker: Callable[..., Any]) -> Any:
         wanted = inspect.signature(maker).parameters

@@ -1,5 +1,6 @@
 """A filter is three parts; any combination works."""
 
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 
 from sigmax.errors import InputError
@@ -26,6 +27,13 @@ class Filter:
     name: str = "unnamed"
     linear: bool = False
 
+    def __post_init__(self) -> None:
+        for what, rule in (("predict", self.predict), ("correct", self.correct)):
+            if isinstance(rule, type) or not callable(rule) or not isinstance(rule, Hashable):
+                raise InputError(f"{what} must be a rule such as sigmax.Taylor1(), hashable; it is {_said(rule)}")
+        if not isinstance(self.form, Form):
+            raise InputError(f"form must be a sigmax.Form such as sigmax.forms.block; it is {_said(self.form)}")
+
     def on(self, biases: int) -> "Filter":
         """The filter as it runs on a model with so many biases: parts that treat them apart are told how many.
 
@@ -40,3 +48,10 @@ class Filter:
 
     def __str__(self) -> str:
         return self.name
+
+
+def _said(given: object) -> str:
+    if isinstance(given, type):
+        return f"the class {given.__name__}, not one made of it: write {given.__name__}()"
+    keys = f"; take one of it: {', '.join(map(repr, given))}" if isinstance(given, Mapping) else ""
+    return f"{type(given).__name__}{keys}"

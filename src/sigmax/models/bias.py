@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.models.checks import finite, is_traced, numbers
+from sigmax.models.checks import finite, is_traced, numbers, strings
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, noise, takes
 
@@ -47,9 +47,8 @@ class Bias:
             raise InputError(f"the prior of a bias must be a sigmax.Gaussian, it is {type(prior).__name__}")
         p = prior.size
         self.prior: Gaussian | None = prior
-        named = [f"bias{i}" for i in range(p)] if names is None else [names] if isinstance(names, str) else names
-        self.names = tuple(named)
-        if not len(self.names) == len(set(self.names)) == p or not all(isinstance(n, str) for n in self.names):
+        self.names = tuple(f"bias{i}" for i in range(p)) if names is None else strings("names", names)
+        if not len(self.names) == len(set(self.names)) == p:
             raise InputError(
                 f"names must be {p} different names, one a component of the bias; given {list(self.names)}"
             )

@@ -196,13 +196,17 @@ BUILTIN: dict[str, Callable[[], Scenario]] = {
 }
 
 
-@cache
 def builtin(name: str) -> Scenario:
     """A built-in model by its name.
 
     Raises:
         InputError: for a name that is not known, with a suggestion.
     """
-    if name not in BUILTIN:
+    if not isinstance(name, str) or name not in BUILTIN:
         raise unknown("built-in model", name, BUILTIN)
+    return _once(name)
+
+
+@cache
+def _once(name: str) -> Scenario:
     return BUILTIN[name]()

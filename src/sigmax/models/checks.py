@@ -1,7 +1,12 @@
 """Checks at the edge of the library; values being traced are let through."""
 
+import os
+from collections.abc import Iterator
+from contextlib import suppress
 from decimal import Decimal
+from functools import cache
 from numbers import Real
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -13,7 +18,29 @@ from sigmax.errors import InputError
 
 def is_traced(value: Any) -> bool:
     """Whether a value is being differentiated or compiled, so that its numbers are not known."""
+    if isinstance(value, Iterator):
+        return False
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
+
+
+def strings(what: str, given: Any) -> tuple[str, ...]:
+    """Names, or one alone, as a tuple.
+
+    Raises:
+        InputError: for anything but text.
+    """
+    names = [given] if isinstance(given, str) else members(given)
+    if names is None or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{what} must be one or several names in quotes; it is {given!r}")
+    return tuple(names)
+
+
+def members(given: Any) -> list[Any] | None:
+    """What a collection holds, None where it is none."""
+    try:
+        return list(given)
+    except TypeError:
+        return None
 
 
 def numbers(what: str, value: Any, missing: bool = False) -> Any:
@@ -98,6 +125,39 @@ def finite(what: str, value: Any) -> None:
     if not is_traced(value) and not np.isfinite(value).all():
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(np.asarray(value)))[0])
         raise InputError(f"{what} must be finite; it has {np.asarray(value)[place]} at {list(place)}")
+
+
+def enough_memory(what: str, floats: float) -> None:
+    """Refuse what this machine has no memory for, before any of it is taken.
+
+    Args:
+        what: what takes it, in words.
+        floats: how many numbers of eight bytes.
+
+    Raises:
+        InputError: where it is more than the machine, or this process, may have.
+    """
+    if floats * 8 > (most := _memory()):
+        raise InputError(
+            f"{what} would take {floats * 8 / 2**30:.3g} GiB, and there are {most / 2**30:.3g}: run it in parts, or "
+            "keep less of the result by keep="
+        )
+
+
+@cache
+def _memory() -> float:
+    """Bytes that this process may have."""
+    found = [np.inf]
+    with suppress(OSError, ValueError, AttributeError):
+        found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    with suppress(ImportError, OSError, ValueError):
+        import resource  # not on every system
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        found += [limit] if limit != resource.RLIM_INFINITY else []
+    with suppress(OSError, ValueError):
+        found.append(float(Path("/sys/fs/cgroup/memory.max").read_text()))
+    return float(min(found))
 
 
 def symmetric_semidefinite(what: str, value: Any) -> None:

@@ -62,6 +62,8 @@ def fused(model: Model, *, messages: bool = False) -> Model:
     Raises:
         InputError: where there is one sensor only, or one whose components are not named.
     """
+    if not isinstance(model, Model):
+        raise InputError(f"model must be a sigmax.Model, it is {type(model).__name__}")
     if not model.several:
         raise InputError("a model with one sensor has nothing to fuse; give sensor= as a dict by name")
     blocks: list[Block] = []

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from sigmax.errors import InputError
-from sigmax.models.checks import finite, numbers, symmetric_semidefinite
+from sigmax.models.checks import enough_memory, finite, numbers, symmetric_semidefinite
 
 
 @jax.tree_util.register_pytree_node_class
@@ -27,9 +27,12 @@ class Gaussian:
 
     def __init__(self, mean: Any, cov: Any) -> None:
         x, P = numbers("the mean", mean), numbers("the covariance", cov)
-        if x.ndim not in (1, 2) or x.shape[-1] == 0:
-            raise InputError(f"a mean has the shape (n,), or (B, n) for a batch; this one has {x.shape}")
+        if x.ndim not in (1, 2) or 0 in x.shape:
+            raise InputError(
+                f"a mean has the shape (n,), or (B, n) for a batch of B ≥ 1 tracks; this one has {x.shape}"
+            )
         n = x.shape[-1]
+        enough_memory(f"a prior of shape {x.shape}", x.size + P.size * 4.0)
         if (P.shape == (n,) and n > 1) or P.shape == (1,):
             P = jnp.diag(P) if isinstance(P, jax.Array) else P[:, None] * jnp.eye(n)
         if P.shape[-2:] != (n, n) or P.ndim > 3 or (P.ndim == 3 and x.ndim == 2 and len(P) != len(x)):

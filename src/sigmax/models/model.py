@@ -8,7 +8,7 @@ import jax
 
 from sigmax.errors import InputError
 from sigmax.models.bias import Bias
-from sigmax.models.checks import numbers
+from sigmax.models.checks import numbers, strings
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, noise, takes
 from sigmax.models.parts import Motion, Sensor
@@ -61,7 +61,7 @@ class Model:
         bias: Bias | None = None,
     ) -> None:
         if isinstance(motion, Motion):
-            state = state or motion.state
+            state = motion.state if state is None else state
         self.motion: Callable[..., Any] = motion.function if isinstance(motion, Motion) else motion
         self.domain = domain
         self.several = isinstance(sensor, Mapping)
@@ -82,7 +82,7 @@ class Model:
         self.Q = noise("Q", Q, self.state, OF_MOTION)
         by_name = {s: by_sensor(R, s, self.several, "R") for s in self.sensors}
         named = {s: by_sensor(measurement, s, self.several, "measurement") for s in self.sensors}
-        named |= {s: named[s] or part.measurement for s, part in parts.items() if isinstance(part, Sensor)}
+        named |= {s: p.measurement for s, p in parts.items() if isinstance(p, Sensor) and named[s] is None}
         self.R: dict[str, Noise] = {}
         self.measurement: dict[str, tuple[str, ...] | None] = {}
         for s in self.sensors:
@@ -227,10 +227,9 @@ def component_names(what: str, given: Sequence[str] | None, noise_given: Any, la
         if 0 in sizes:
             raise InputError(f"{label} is empty; give a covariance, or a variance for each component")
         return tuple(f"{what}{i}" for i in range(sizes[-1] if sizes else 1))
-    if isinstance(given, str):
-        given = (given,)
-    if not given or not all(isinstance(name, str) for name in given):
-        raise InputError(f"{what} must be names of components such as ('x', 'v'); it is {given!r}")
+    given = strings(what, given)
+    if not given:
+        raise InputError(f"{what} must be names of components such as ('x', 'v'); it is empty")
     if len(set(given)) != len(given):
         raise InputError(f"{what} names a component twice: {list(given)}")
     return tuple(given)

@@ -67,9 +67,12 @@ def noise(label: str, given: Any, components: Sequence[str] | None, allowed: tup
             symmetric_semidefinite(label, np.diag(value))
         return Diagonal(value)
     if value.shape != (n, n):
+        way = "dt, u" if allowed == OF_MOTION else "u"
+        by_row = value.ndim > 1 and value.shape[-1] == n
+        hint = f"; noise from row to row is a function of the inputs, {label}=lambda x, {way}: u[…] with inputs= (T, k)"
         raise InputError(
             f"{label} must be a covariance of shape {(n, n)} or {n} variances, for {list(components or [])}; "
-            f"this one has the shape {value.shape}"
+            f"this one has the shape {value.shape}{hint if by_row else ''}"
         )
     symmetric_semidefinite(label, value)
     if not is_traced(value) and np.count_nonzero(value - np.diag(np.diagonal(value))) == 0:

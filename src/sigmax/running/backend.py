@@ -28,8 +28,8 @@ def attempt(backend: str | None, traced: bool, native: Callable[[], Any], xla: C
     Raises:
         InputError: for an unknown backend, or where `backend` is "native" and cannot be had.
     """
-    asked = backend or os.environ.get("SIGMAX_BACKEND") or None
-    if asked is not None and asked not in BACKENDS:
+    asked = backend if backend is not None else os.environ.get("SIGMAX_BACKEND") or None
+    if asked is not None and (not isinstance(asked, str) or asked not in BACKENDS):
         raise unknown("backend", asked, BACKENDS)
     if traced and backend == "native":
         raise InputError(
@@ -37,7 +37,13 @@ def attempt(backend: str | None, traced: bool, native: Callable[[], Any], xla: C
         )
     if traced:
         return xla()
-    if asked == "native" or (asked is None and jax.default_backend() == "cpu" and compiler() is not None):
+    here = asked is None and jax.default_backend() == "cpu"
+    if here and compiler() is None:
+        say_once(
+            "sigmax uses XLA, which is slower: no C compiler was found (cc, gcc, clang), and live steps take some sixty "
+            "times as long; install one"
+        )
+    if asked == "native" or (here and compiler() is not None):
         try:
             with natively():
                 return native()

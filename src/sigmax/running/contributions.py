@@ -13,7 +13,7 @@ from sigmax.algebra.factor import absorb as reflect
 from sigmax.algebra.factor import cholesky, dense, identity, inverse_lower, pivoted, solve_lower, tria
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
-from sigmax.models.checks import finite, numbers
+from sigmax.models.checks import finite, members, numbers
 from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused
 from sigmax.models.model import Model
@@ -131,7 +131,9 @@ def absorb(live: Live, contributions: Iterable[Contribution], *, u: Any = None) 
 
 
 def _each_once(contributions: Iterable[Contribution]) -> list[Contribution]:
-    given = list(contributions)
+    given = members(contributions)
+    if given is None:
+        raise InputError(f"give a list of sigmax.Contribution; it is {type(contributions).__name__}")
     for c in given:
         if not isinstance(c, Contribution):
             raise InputError(

@@ -1,6 +1,6 @@
 """The edge: what a user gives, checked before any long work and laid out for the engine."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -11,7 +11,7 @@ from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter, get
 from sigmax.models.as_one import as_one
 from sigmax.models.bias import joint
-from sigmax.models.checks import finite, is_traced, numbers
+from sigmax.models.checks import enough_memory, finite, is_traced, numbers
 from sigmax.models.fusion import Fused, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
@@ -61,18 +61,25 @@ def as_filter(filter: Filter | str) -> Filter:
     raise InputError(f"a filter is a name such as 'SRCKFB' or made by sigmax.get; this is {type(filter).__name__}")
 
 
+def check_model(model: Any) -> None:
+    """Refuse what is no model."""
+    if not isinstance(model, Model):
+        raise InputError(f"model must be a sigmax.Model, it is {type(model).__name__}")
+
+
 def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model, Gaussian]:
     """Filter, model and prior as the engines take them: a bias beside the state, where the form wants it.
 
     Raises:
         InputError: where one of them is something else, or the prior does not fit the model.
     """
-    if not isinstance(model, Model):
-        raise InputError(f"model must be a sigmax.Model, it is {type(model).__name__}")
+    check_model(model)
     if not isinstance(prior, Gaussian):
         raise InputError(f"prior must be a sigmax.Gaussian, it is {type(prior).__name__}")
     if prior.size != model.size:
         raise InputError(f"the prior has {prior.size} components, the model {model.size}: {list(model.state)}")
+    tracks, n = len(prior.mean) if prior.mean.ndim == 2 else 1, model.size + model.biases
+    enough_memory(f"a filter of {tracks} tracks", (2.0 * n + n * n) * tracks)
     filter, first = filter.on(model.biases), filter.form.bias_first
     if model.bias is not None:
         prior = joint(prior, model.bias.starting(), first)
@@ -88,6 +95,7 @@ def prepare(
     inputs: Any,
     dtype: Any,
     update_first: bool = False,
+    keep: Collection[str] = (),
 ) -> Prepared:
     """Check everything and lay it out; the arguments are those of `run`.
 
@@ -101,12 +109,16 @@ def prepare(
     T = next(iter(steps.values()))
     if len(set(steps.values())) > 1:
         raise InputError(f"all sensors need the same number of time steps, NaN where one did not report; got {steps}")
+    sizes = {s: v.shape[-1] for s, v in measured.items()}
+    # Before anything is laid out; whether the batches fit each other is seen below.
+    shapes = [*((v, 3) for v in measured.values()), (prior.mean, 2), (prior.cov, 3), (dt, 2), (inputs, 3)]
+    tracks = max((a.shape[0] for a, core in shapes if len(getattr(a, "shape", ())) == core), default=1)
+    enough_memory(f"a run of {tracks} tracks over {T} steps", _stored(prior.size, sizes, keep) * tracks * T)
     if not isinstance(update_first, bool):
         raise InputError(f"update_first must be True or False, it is {update_first!r}")
     elapsed = intervals(dt, T, update_first)
     u = inputs_given = _inputs(model, inputs, T)
     fused = None
-    sizes = {s: v.shape[-1] for s, v in measured.items()}
     if model.fusion is not None:
         fused = put_together(model, measured, u)
         model = as_one(model)
@@ -140,6 +152,12 @@ def prepare(
     )
 
 
+def _stored(n: int, sizes: Mapping[str, int], keep: Collection[str]) -> float:
+    """How many numbers of a result are kept of each track and step."""
+    each = {"mean": n, "factor": n * n, "innovation": sum(m + m * m for m in sizes.values())}
+    return sum((each.get(part, 1) for part in keep), start=0.0)
+
+
 def laid_out_steps(model: Model, dt: Any, inputs: Any, T: int, dtype: Any) -> tuple[Any, Any]:
     """Dt (T,) or (B, T) and inputs (T, k) or (B, T, k) of a run, checked and in its type."""
     # No smoother goes back beyond the first step: its dt is never read.
@@ -153,9 +171,12 @@ def run_type(dtype: Any) -> np.dtype[Any]:
     Raises:
         InputError: for anything but float64 and float32.
     """
-    found = np.dtype(dtype)
-    if found not in (np.float64, np.float32):
-        raise InputError(f"dtype must be float64 or float32, it is {found}")
+    try:
+        found = np.dtype(dtype)
+    except Exception:  # NumPy raises what it likes for what is no type
+        found = None
+    if found is None or found not in (np.float64, np.float32):
+        raise InputError(f"dtype must be float64 or float32, it is {dtype!r}")
     return found
 
 
@@ -196,6 +217,8 @@ def _measurements(model: Model, z: Any) -> dict[str, Any]:
             raise InputError(f"{label} has {value.shape[-1]} columns, the sensor {len(names)}: {list(names)}")
         if value.shape[-2] == 0:
             raise InputError(f"{label} has no time steps: its shape is {value.shape}")
+        if value.shape[0] == 0:
+            raise InputError(f"{label} has no tracks: its shape is {value.shape}")
         result[s] = value
     return result
 
@@ -212,5 +235,7 @@ def _inputs(model: Model, inputs: Any, T: int) -> Any:
         raise InputError(f"inputs must have the shape ({T}, k); for one input use inputs[:, None]")
     if value.ndim not in (2, 3) or value.shape[-2] != T:
         raise InputError(f"inputs must have the shape ({T}, k) or (B, {T}, k); this one has {value.shape}")
+    if value.shape[0] == 0:
+        raise InputError(f"inputs are empty: their shape is {value.shape}")
     finite("inputs", value)
     return value

@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 from sigmax.algebra.compiling import compiled
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
-from sigmax.models.checks import finite, numbers
+from sigmax.models.checks import finite, numbers, strings
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.native.fingerprint import fingerprint
@@ -151,7 +151,7 @@ def _built(build: Callable[[Parameters], tuple[Model, Gaussian]], parameters: Pa
     Raises:
         InputError: where it gives something else, or needs numbers that are not known while it is compiled.
     """
-    if not callable(build):
+    if not callable(build) or isinstance(build, type):
         raise InputError(f"build must be a function of parameters by name; it is {type(build).__name__}")
     try:
         made = build(parameters)
@@ -191,7 +191,7 @@ def _values(start: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _positive(positive: Collection[str], start: Mapping[str, Any]) -> frozenset[str]:
-    names = frozenset([positive] if isinstance(positive, str) else positive)
+    names = frozenset(strings("positive", positive))
     for name in names:
         if name not in start:
             raise unknown("parameter", name, start)

@@ -43,7 +43,7 @@ class Given:
         """The name of a sensor, which need not be given where there is one."""
         if sensor is None and self._model.several:
             raise InputError(f"say which sensor measured: update(z, sensor=…), one of {sorted(self._model.sensors)}")
-        if sensor is not None and sensor not in self._model.sensors:
+        if sensor is not None and (not isinstance(sensor, str) or sensor not in self._model.sensors):
             raise unknown("sensor", sensor, self._model.sensors)
         return sensor or ""
 
@@ -83,6 +83,9 @@ class Given:
         if u is None:
             raise InputError(f"the {what} takes inputs; give u=")
         value = np.asarray(numbers("u", u), self._dtype)
+        if value.ndim != 1 and not (value.ndim == 2 and value.shape[:1] == self._tracks):
+            batch = f", or {(*self._tracks, 'k')} of each track" if self._tracks else ""
+            raise InputError(f"u must have the shape (k,){batch}; it has {value.shape}")
         finite("u", value)
         own = value.shape[-1] - inputs_behind(self._asked)
         if own != self._checked:

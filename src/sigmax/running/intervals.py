@@ -3,7 +3,6 @@
 from datetime import timedelta
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -27,12 +26,11 @@ def _in_seconds(dt: Any) -> Any:
     """Seconds as numbers: what is given as a timedelta, of Python, NumPy or pandas, is turned into them."""
     if isinstance(dt, timedelta):
         return dt.total_seconds()
-    if not isinstance(dt, float | int | jax.Array) and not is_traced(dt):
-        array = np.asarray(dt)
-        if array.dtype.kind == "O" and array.size and all(isinstance(d, timedelta) for d in array.flat):
-            array = array.astype("timedelta64[us]")
-        if array.dtype.kind == "m":
-            return array / np.timedelta64(1, "s")
+    kind = getattr(dt, "dtype", None)
+    if isinstance(dt, list | tuple) and dt and all(isinstance(d, timedelta) for d in np.ravel(np.array(dt, object))):
+        return np.array(dt, "timedelta64[us]") / np.timedelta64(1, "s")
+    if isinstance(kind, np.dtype) and kind.kind == "m":
+        return np.asarray(dt) / np.timedelta64(1, "s")
     return numbers("dt", dt)
 
 
@@ -49,7 +47,7 @@ def intervals(dt: Any, T: int, update_first: bool) -> Any:
     if update_first and value.shape[-1] in (T - 1, T):
         later = value[..., value.shape[-1] - T + 1 :]
         value = array.concatenate([array.zeros_like(later, shape=(*later.shape[:-1], 1)), later], -1)
-    if value.ndim > 2 or value.shape[-1] != T:
+    if value.ndim > 2 or value.shape[-1] != T or value.shape[0] == 0:
         hint = "; with update_first=True, where the prior stands at the first measurement, that would do"
         raise InputError(
             f"dt must be a number of seconds, or one for each of the {T} steps; its shape is {value.shape}"

@@ -182,7 +182,10 @@ class Live:
             self.predict(dt, u)
             return self.update_together(together)
         if R is None and u is None and z is not None and isinstance(dt, _NUMBER) and 0 <= dt < _INFINITY:
-            whole = self._state.whole.get(sensor)
+            try:
+                whole = self._state.whole.get(sensor)
+            except TypeError:  # no name at all: refused below
+                whole = None
             if whole is not None:
                 if self._busy:
                     raise InputError(_SHARED)

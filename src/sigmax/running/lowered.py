@@ -113,7 +113,9 @@ class Lowered:
         specs = [jax.ShapeDtypeStruct(a.shape, self.dtype) for a in arrays]
         count = len(noises)
         traced = jax.make_jaxpr(lambda *a: function(self._model(a[:count]), *a[count:]))(*specs)
-        return Program(g, tuple(inputs), made(evaluate(g, traced, arrays)))
+        # Constants are folded to what the compiled code would compute, infinities and all.
+        with np.errstate(all="ignore"):
+            return Program(g, tuple(inputs), made(evaluate(g, traced, arrays)))
 
     def _given(self, g: Graph, *shapes: tuple[int, ...]) -> list[Array]:
         """Arrays of inputs that follow each other in one group."""

@@ -5,7 +5,7 @@ from typing import Any
 
 from sigmax.errors import unknown
 from sigmax.filters import Filter
-from sigmax.models.checks import is_traced
+from sigmax.models.checks import is_traced, strings
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.running import lanes, scanned
@@ -54,10 +54,11 @@ def run(
             the run is no error but data: `result.ok`, `result.faults()`.
     """
     chosen = as_filter(filter)
+    keep = strings("keep", keep)
     for part in keep:
         if part not in PARTS:
             raise unknown("part of a result", part, PARTS)
-    ready = prepare(chosen, model, prior, z, dt, inputs, dtype, update_first)
+    ready = prepare(chosen, model, prior, z, dt, inputs, dtype, update_first, keep)
     kept = frozenset(keep) | ({"dof"} if ready.fused is not None else set())
     traced = ready.captured or is_traced(ready)
     total, parts = attempt(

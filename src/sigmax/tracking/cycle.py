@@ -79,7 +79,7 @@ class Cycle:
             InputError: where it does not fit the model.
         """
         model = self.modes.model
-        if scan.sensor not in self.detectors:
+        if not isinstance(scan.sensor, str) or scan.sensor not in self.detectors:
             raise unknown("sensor", scan.sensor, self.detectors)
         z = np.asarray(numbers("the plots of a scan", scan.z, missing=True), float)
         names = model.measurement[scan.sensor]

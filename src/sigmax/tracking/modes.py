@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter
-from sigmax.models.checks import numbers
+from sigmax.models.checks import members, numbers
 from sigmax.models.model import Model
 from sigmax.running.rows import RowSteps
 from sigmax.tracking.mixture import merged, summed
@@ -82,8 +82,12 @@ class Modes:
         dtype: Any = "float64",
         backend: str | None = None,
     ) -> None:
-        if not modes:
-            raise InputError("modes must name at least one (filter, model)")
+        modes = members(modes) or []
+        if not modes or not all(isinstance(mode, list | tuple) and len(mode) == 2 for mode in modes):
+            raise InputError("modes must be a list of pairs (filter, model), at least one")
+        for _, m in modes:
+            if not isinstance(m, Model):
+                raise InputError(f"a mode is a filter and a sigmax.Model; this one has {type(m).__name__}")
         self.steps = [RowSteps(f, m, dtype=dtype, backend=backend) for f, m in modes]
         self.model: Model = modes[0][1]
         for _, m in modes[1:]:
