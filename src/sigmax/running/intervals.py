@@ -1,5 +1,6 @@
 """The time between steps, as people give it."""
 
+from contextlib import suppress
 from datetime import timedelta
 from typing import Any
 
@@ -26,9 +27,13 @@ def _in_seconds(dt: Any) -> Any:
     """Seconds as numbers: what is given as a timedelta, of Python, NumPy or pandas, is turned into them."""
     if isinstance(dt, timedelta):
         return dt.total_seconds()
+    first = dt
+    while isinstance(first, list | tuple) and first:
+        first = first[0]
+    if isinstance(first, timedelta | np.timedelta64) and first is not dt:
+        with suppress(ValueError):  # ragged: refused below
+            return np.array(dt, "timedelta64[ns]") / np.timedelta64(1, "s")
     kind = getattr(dt, "dtype", None)
-    if isinstance(dt, list | tuple) and dt and all(isinstance(d, timedelta) for d in np.ravel(np.array(dt, object))):
-        return np.array(dt, "timedelta64[us]") / np.timedelta64(1, "s")
     if isinstance(kind, np.dtype) and kind.kind == "m":
         return np.asarray(dt) / np.timedelta64(1, "s")
     return numbers("dt", dt)
