@@ -1,5 +1,12 @@
 """What a user's function may get wrong is told before anything runs, of a record and step by step."""
 
+import functools
+import os
+import re
+import subprocess
+import sys
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -118,3 +125,137 @@ def test_modes_of_a_tracker_are_checked_when_they_are_made():
         Modes([("EKF", model()), ("EKF", model(**BEYOND["a component"]))])
     with pytest.raises(sigmax.InputError, match="sensor must return the 1 components"):
         Modes([("EKF", model(sensor=lambda x: x))])
+
+
+BENT = {
+    "by the interval": dict(motion=lambda x, dt: x + dt * 3 * jnp.sin(x)),
+    "for long intervals only": dict(motion=lambda x, dt: jnp.where(dt > 5, x**2, x)),
+    "by the input": dict(motion=lambda x, dt, u: jnp.stack([x[0] + u[0] * x[1] ** 2, x[1]])),
+    "far away only": dict(sensor=lambda x: 1e8 * jnp.sin(x[:1] / 1e8)),
+    "the sensor, by the input": dict(sensor=lambda x, u: x[:1] * (1 + u[0] * x[1])),
+    "the domain": dict(domain=jnp.abs),
+    "F": dict(bias=sigmax.Bias(sensor=lambda x, u: u[0] * x[:1, None], prior=sigmax.Gaussian([0.0], [1.0]))),
+    "B": dict(bias=sigmax.Bias(motion=lambda x, dt: dt * x[:, None], prior=sigmax.Gaussian([0.0], [1.0]))),
+}
+STRAIGHT = {
+    "as it was": {},
+    "by the interval": dict(motion=lambda x, dt: jnp.stack([x[0] + jnp.sin(dt) * x[1], jnp.exp(-dt) * x[1]])),
+    "by the input": dict(motion=lambda x, dt, u: jnp.stack([x[0] + u[0] ** 2 * x[1], x[1] + jnp.log(u[0])])),
+    "an affine sensor": dict(sensor=lambda x, u: 3 * x[:1] - x[1:] + jnp.sqrt(u)),
+    "an angle that is wrapped": dict(sensor=lambda x: (x[:1] + jnp.pi) % (2 * jnp.pi) - jnp.pi),
+    "F of the input": dict(bias=sigmax.Bias(sensor=lambda x, u: u.reshape(1, 1), prior=sigmax.Gaussian([0.0], [1.0]))),
+    "B of the input": dict(bias=sigmax.Bias(motion=lambda x, dt, u: dt * u * B, prior=sigmax.Gaussian([0.0], [1.0]))),
+}
+B = np.ones((2, 1))
+INTERVALS = {"zero first": [0.0, 1.0, 1.0], "ones": [1.0] * 3, "zeros": [0.0] * 3, "short": [1e-9] * 3}
+
+
+@pytest.mark.parametrize("dt", INTERVALS)
+@pytest.mark.parametrize("u", [0.0, 1.0])
+@pytest.mark.parametrize("case", BENT)
+def test_the_kalman_filter_refuses_what_is_not_linear_whatever_the_record(case, u, dt):
+    with pytest.raises(sigmax.InputError, match="KF is for linear models"):
+        sigmax.run("KF", model(**BENT[case]), PRIOR, np.zeros((3, 1)), dt=INTERVALS[dt], inputs=np.full((3, 1), u))
+
+
+@pytest.mark.parametrize("case", STRAIGHT)
+def test_the_kalman_filter_runs_what_is_linear_and_asks_once(case):
+    made, inputs = model(**STRAIGHT[case]), np.full((3, 1), 1.5)
+    got = sigmax.run("KF", made, PRIOR, np.zeros((3, 1)), dt=[0.0, 1.0, 2.0], inputs=inputs)
+    want = sigmax.run("EKF", made, PRIOR, np.zeros((3, 1)), dt=[0.0, 1.0, 2.0], inputs=inputs)
+    assert np.array_equal(got.mean, want.mean)
+
+
+def test_what_was_found_of_a_model_is_remembered():
+    calls = []
+
+    def motion(x, dt):
+        calls.append(None)
+        return jnp.stack([x[0] + dt * x[1], x[1]])
+
+    counts = []
+    sensor = model().sensors[""]  # one object: a new one would be a new model
+    for k in range(3):
+        made = model(motion=motion, sensor=sensor, Q=[0.1 + k, 0.1])
+        sigmax.run("KF", made, PRIOR, np.zeros((3, 1)) + k, dt=1.0 + k)
+        counts.append(len(calls))
+    assert counts[0] == counts[2] > 0
+
+
+IMPORTS = {
+    "sigmax alone": ("import sigmax, sys; assert 'jax' not in sys.modules; import jax.numpy as jnp", None),
+    "jax before": ("import jax.numpy as jnp; import sigmax", None),
+    "against a variable": ("import sigmax; import jax.numpy as jnp", "0"),
+}
+
+
+@pytest.mark.parametrize("case", IMPORTS)
+def test_the_import_alone_makes_jax_64_bit(case):
+    code, variable = IMPORTS[case]
+    env = {k: v for k, v in os.environ.items() if k != "JAX_ENABLE_X64"}
+    env |= {"JAX_ENABLE_X64": variable} if variable else {}
+    code += "; print(jnp.array([6378137.123])[0] == 6378137.123)"
+    found = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+    assert found.stdout == "True\n"
+
+
+SITE = jnp.array([6378137.123], jnp.float32)
+
+
+def told(made, **given):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        sigmax.run("EKF", made, PRIOR, np.zeros((3, 1)), **given)
+        sigmax.Live("EKF", made, PRIOR, **given)
+    return [str(w.message) for w in caught]
+
+
+def at_site(x, place):
+    return x[:1] - place
+
+
+def closed_over():
+    near = np.array([0.1], np.float32)
+    return lambda x: x[:1] - near
+
+
+COARSE = {
+    "a global": (dict(sensor=lambda x: x[:1] - SITE), "SITE"),
+    "a default": (dict(sensor=lambda x, place=SITE: x[:1] - place), "place"),
+    "closed over": (dict(sensor=closed_over()), "near"),
+    "in a function that it calls": (dict(sensor=lambda x: jax.jit(lambda y: y[:1] - SITE)(x)), "SITE"),
+    "in a partial": (dict(sensor=functools.partial(at_site, place=SITE)), "shape \\(1,\\)"),
+    "a scalar": (dict(sensor=lambda x: np.float32(0.1) * x[:1]), "0.1000000014"),
+    "in the motion": (dict(motion=lambda x, dt: x + dt * 0 * SITE), "motion SITE"),
+    "in Q": (dict(Q=lambda dt: dt * jnp.ones(2) * SITE), "Q SITE"),
+    "in R": (dict(R=lambda x: SITE), "R what it returns"),
+    "what comes out": (dict(sensor=lambda x: x[:1].astype(jnp.float32)), "sensor what it returns"),
+}
+
+
+@pytest.mark.parametrize("case", COARSE)
+def test_a_constant_of_float32_is_told_with_its_place(case):
+    changes, name = COARSE[case]
+    messages = told(model(**changes))
+    assert messages
+    for message in messages:
+        assert "float32" in message
+        assert re.search(f"in .*{name}", message)
+        assert "test_functions.py, line" in message or case == "what comes out" or case == "in R"
+
+
+FINE = {
+    "halves": dict(sensor=lambda x: np.float32(0.5) * x[:1] - np.arange(1, dtype=np.float32)),
+    "Python's own": dict(sensor=lambda x: 0.1 * x[:1] - 6378137.0),
+    "64-bit": dict(sensor=lambda x: x[:1] - jnp.array([0.1])),
+    "said to be all": dict(sensor=lambda x: x[:1] - np.asarray(SITE, float)),
+}
+
+
+@pytest.mark.parametrize("case", FINE)
+def test_what_lost_no_digits_is_not_told(case):
+    assert told(model(**FINE[case])) == []
+
+
+def test_nothing_is_told_in_a_run_of_float32():
+    assert told(model(sensor=lambda x: x[:1] - SITE), dtype="float32") == []

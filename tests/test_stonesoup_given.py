@@ -11,10 +11,19 @@ from stonesoup.models.measurement.linear import LinearGaussian
 from stonesoup.models.measurement.nonlinear import CartesianToBearingRange
 from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, ConstantVelocity
 from stonesoup.predictor.kalman import KalmanPredictor
-from stonesoup.types.array import StateVector
+from stonesoup.types.array import StateVector, StateVectors
 from stonesoup.types.detection import Detection
 from stonesoup.types.hypothesis import SingleHypothesis
-from stonesoup.types.state import GaussianState
+from stonesoup.types.state import (
+    EnsembleState,
+    GaussianState,
+    InformationState,
+    ParticleState,
+    SqrtGaussianState,
+    State,
+    TaggedWeightedGaussianState,
+    WeightedGaussianState,
+)
 from stonesoup.updater.kalman import ExtendedKalmanUpdater
 
 from sigmax.errors import InputError
@@ -111,3 +120,61 @@ def test_a_singular_covariance_is_one_and_so_is_one_with_rounding(filter, cov):
     found = SigmaxPredictor(ConstantVelocity(0.1), filter=filter).predict(state, timestamp=START + timedelta(seconds=1))
     F, Q = np.array([[1.0, 1], [0, 1]]), 0.1 * np.array([[1 / 3, 1 / 2], [1 / 2, 1]])
     np.testing.assert_allclose(found.covar, F @ cov @ F.T + Q, rtol=1e-9)
+
+
+P = np.array([[4.0, 0.5], [0.5, 0.2]])
+GAUSSIAN = {
+    "covariance": lambda: GaussianState([[1.0], [2.0]], P, timestamp=START),
+    "root": lambda: SqrtGaussianState([[1.0], [2.0]], np.linalg.cholesky(P), timestamp=START),
+    "another root": lambda: SqrtGaussianState([[1.0], [2.0]], ROOT, timestamp=START),
+    "weight": lambda: WeightedGaussianState([[1.0], [2.0]], P, timestamp=START, weight=0.3),
+    "weight and tag": lambda: TaggedWeightedGaussianState([[1.0], [2.0]], P, timestamp=START, weight=0.3, tag="a"),
+}
+ROOT = np.linalg.cholesky(P) @ np.array([[0.6, -0.8], [0.8, 0.6]])
+LINE, SEEN = CombinedLinearGaussianTransitionModel([ConstantVelocity(0.1)]), LinearGaussian(2, (0,), np.eye(1))
+LATER = START + timedelta(seconds=1)
+
+
+@pytest.mark.parametrize("filter", ["EKF", "SRCKFB"])
+@pytest.mark.parametrize("kind", GAUSSIAN)
+def test_every_kind_of_gaussian_state_stays_what_it_is(kind, filter):
+    """Beside Stone Soup's own filter; what a state stores, its covariance or a root of it, it goes on to store."""
+    plain, state = GAUSSIAN["covariance"](), GAUSSIAN[kind]()
+    predictor, updater = SigmaxPredictor(LINE, filter=filter), SigmaxUpdater(SEEN, filter=filter)
+    own, other = KalmanPredictor(LINE).predict(plain, LATER), predictor.predict(state, LATER)
+    detection = Detection(StateVector([1.5]), timestamp=LATER)
+    after = [
+        u.update(SingleHypothesis(p, detection)) for u, p in ((ExtendedKalmanUpdater(SEEN), own), (updater, other))
+    ]
+    for want, got in ((own, other), after):
+        assert isinstance(got, type(state))
+        np.testing.assert_allclose(got.state_vector, want.state_vector, rtol=1e-9)
+        np.testing.assert_allclose(got.covar, want.covar, rtol=1e-9)
+        assert getattr(got, "weight", None) == getattr(state, "weight", None)
+    expected = updater.predict_measurement(other)
+    np.testing.assert_allclose(expected.covar, ExtendedKalmanUpdater(SEEN).predict_measurement(own).covar, rtol=1e-9)
+
+
+NOT_GAUSSIAN = {
+    "information": lambda: InformationState([[1.0], [2.0]], np.linalg.inv(P), timestamp=START),
+    "particles": lambda: ParticleState(StateVectors([[1.0, 2], [1, 2]]), weight=np.full(2, 0.5), timestamp=START),
+    "an ensemble": lambda: EnsembleState(StateVectors([[1.0, 2], [1, 2]]), timestamp=START),
+    "a state without covariance": lambda: State([[1.0], [2.0]], timestamp=START),
+}
+
+
+@pytest.mark.parametrize("kind", NOT_GAUSSIAN)
+def test_a_state_that_is_not_gaussian_is_refused_with_the_way_to_make_one(kind):
+    with pytest.raises(InputError, match="must be Gaussian.*GaussianState\\("):
+        SigmaxPredictor(LINE).predict(NOT_GAUSSIAN[kind](), LATER)
+
+
+@pytest.mark.parametrize("missing", [np.nan, None, np.ma.masked])
+def test_a_detection_of_nothing_leaves_the_prediction(missing):
+    prediction = SigmaxPredictor(LINE).predict(GAUSSIAN["covariance"](), LATER)
+    detection = Detection(
+        np.ma.masked_array([[1.5]], [[True]]) if missing is np.ma.masked else [[missing]], timestamp=LATER
+    )
+    after = SigmaxUpdater(SEEN).update(SingleHypothesis(prediction, detection))
+    np.testing.assert_array_equal(after.state_vector, prediction.state_vector)
+    np.testing.assert_array_equal(after.covar, prediction.covar)

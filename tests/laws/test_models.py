@@ -10,6 +10,7 @@ from scipy.linalg import expm
 import sigmax
 from sigmax import motions, sensors
 from sigmax.models.smooth import cosc, decay, decay2, direction, length, sinc
+from sigmax.models.terrain import inertial_errors
 
 START = {
     "constant_velocity": [1.0, -2, 3, 0.5],
@@ -176,3 +177,34 @@ def test_a_jacobian_of_ones_own_is_used():
     model = sigmax.Model(motion=lambda x, dt: x, sensor=sensor, Q=[0.0], R=[1.0], state=["x"])
     got = sigmax.run("EKF", model, sigmax.Gaussian([2.0], [1.0]), np.array([[4.0]]))
     assert got.innovation_cov[0, 0, 0] == pytest.approx(101.0)
+
+
+NOISES = {
+    "random_walk": lambda q: motions.random_walk(("a", "b")).noise(q, 2 * q),
+    "constant_velocity": lambda q: motions.constant_velocity().noise(q),
+    "constant_velocity by axis": lambda q: motions.constant_velocity().noise([q, 2 * q]),
+    "constant_acceleration": lambda q: motions.constant_acceleration().noise(q),
+    "singer": lambda q: motions.singer().noise([q, 2.0]),
+    "coordinated_turn": lambda q: motions.coordinated_turn().noise(q, 0.1, 2 * q, q),
+    "coordinated_turn_cartesian": lambda q: motions.coordinated_turn_cartesian().noise(q, 2 * q),
+    "unicycle": lambda q: motions.unicycle().noise(q, 0.1),
+    "join": lambda q: motions.join(motions.unicycle(), SCALE).noise(motions.unicycle().noise(q, 0.1), SCALE.noise(q)),
+    "join of functions": lambda q: motions.join(LINE, SCALE).noise(LINE.noise(q), SCALE.noise(q)),
+    "quadratic": lambda q: motions.quadratic([0.0], [[1.0]], [[[0.0]]]).noise([q]),
+    "inertial_errors": lambda q: inertial_errors().noise(q, q, 2 * q, q, q),
+}
+LINE, SCALE = motions.constant_velocity(("x",)), motions.random_walk(("s",))
+
+
+@pytest.mark.parametrize("name", NOISES)
+def test_noises_of_ready_made_motions_differentiate(name):
+    """So that they can be fitted: against differences of their values."""
+
+    def noise(q):
+        Q = NOISES[name](q)
+        return jnp.ravel(jnp.asarray(Q(0.7) if callable(Q) else Q))
+
+    slope = jax.jit(jax.jacfwd(noise))(0.3)
+    want = (np.asarray(noise(0.3 + 1e-6)) - np.asarray(noise(0.3 - 1e-6))) / 2e-6
+    assert np.allclose(slope, want, rtol=1e-6, atol=1e-9)
+    assert np.abs(want).max() > 0

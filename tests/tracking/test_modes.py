@@ -120,3 +120,65 @@ def test_modes_change_in_any_steps_alike():
     np.testing.assert_allclose(once[0], transition(5.0)[0], rtol=1e-12)
     short = modes.predict(start, 1e-3)[0].weight
     assert short[0, 1] == pytest.approx(1e-3 / SOJOURN[0], rel=1e-3)
+
+
+def alike(count=2):
+    return Modes([("EKF", model(density)) for density in (0.02, 25.0, 1.0)[:count]])
+
+
+def taken(modes, beliefs, z, share=1.0):
+    track = np.zeros(1, int)
+    return modes.update(beliefs, modes.correct(beliefs, track, "", np.array([z]), None), track, np.array([share]))
+
+
+def test_a_mode_comes_back_after_any_time():
+    """Without switching between them the modes are judged by the plots alone: calm for long, then wild, then calm."""
+    modes = alike()
+    rng = np.random.default_rng(0)
+    beliefs = modes.start(np.zeros((1, 4)), np.eye(4)[None] * 25)
+    likelier, place, speed = [], np.zeros(2), np.zeros(2)
+    for k in range(1200):
+        speed = speed + rng.normal(size=2) * (8.0 if 500 <= k < 700 else 0.1)
+        place = place + speed
+        beliefs, sound = modes.predict(beliefs, 1.0)
+        assert sound.all()
+        beliefs = taken(modes, beliefs, place + NOISE * rng.standard_normal(2))
+        likelier.append(beliefs.weight[0].argmax())
+    assert (np.array(likelier)[100:500] == 0).all()
+    assert (np.array(likelier)[530:700] == 1).all()
+    assert likelier[-1] == 0
+
+
+@pytest.mark.parametrize("sojourn", [None, (40.0, 8.0, 5.0), (1e-9, 1e12, 1.0)])
+@pytest.mark.parametrize("seed", range(6))
+def test_probabilities_are_probabilities_in_any_order_of_events(sojourn, seed):
+    """Plots near, absurdly far, missing, of any share, several at once, and intervals of any length."""
+    modes = Modes([("EKF", model(d)) for d in (0.02, 25.0, 1.0)], sojourn=sojourn)
+    rng = np.random.default_rng(seed)
+    beliefs = modes.start(np.zeros((2, 4)), np.tile(np.eye(4) * 25, (2, 1, 1)))
+    for _ in range(60):
+        beliefs, _ = modes.predict(beliefs, float(rng.choice([0.0, 1e-9, 1.0, 10.0])))
+        K = int(rng.integers(0, 4))
+        track = rng.integers(0, 2, K)
+        z = rng.normal(size=(K, 2)) * rng.choice([1.0, 1e3, 1e9, 1e70])
+        z[rng.random((K, 2)) < 0.2] = np.nan
+        share = rng.dirichlet(np.ones(K + 1))[:K] * rng.choice([1.0, 1e-300, 0.0])
+        if rng.random() < 0.3:
+            share = np.eye(1, K)[0]
+        made = modes.correct(beliefs, track, "", z, None)
+        beliefs = modes.update(beliefs, made, track, share)
+        assert np.isfinite(beliefs.weight).all()
+        np.testing.assert_allclose(beliefs.weight.sum(1), 1)
+        assert (beliefs.weight >= 0.9e-12).all()
+        mean, cov = modes.moments(beliefs)
+        assert np.isfinite(mean).all()
+        assert np.isfinite(cov).all()
+
+
+def test_a_plot_that_is_sound_in_no_mode_is_no_plot():
+    modes = alike()
+    before = modes.start(np.zeros((1, 4)), np.eye(4)[None])
+    after = taken(modes, before, [np.nan, np.nan])
+    assert np.array_equal(after.weight, before.weight)
+    for a, b in zip(after.rows, before.rows, strict=True):
+        assert np.array_equal(a, b)

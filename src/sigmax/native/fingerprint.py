@@ -86,6 +86,8 @@ def _parts(thing: Any, seen: Seen) -> Iterator[bytes]:
         return
     # Kept alive: something new at the address of what is gone would pass for it, and its contents for known.
     seen[id(thing)] = len(seen), thing
+    if isinstance(thing, jax.core.Tracer):
+        raise _Opaque
     if isinstance(thing, np.ndarray | np.generic | jax.Array):
         yield _of_array(thing)
     elif isinstance(thing, types.FunctionType):

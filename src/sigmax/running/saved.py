@@ -40,14 +40,14 @@ def identity(filter: Filter, model: Model) -> dict[str, Any]:
 
 def saved(belief: Belief, fault: Any, owner: dict[str, Any]) -> bytes:
     """A belief and its fault as bytes: a digest of the rest, what the state belongs to, its arrays."""
-    arrays = [np.ascontiguousarray(a) for a in (*jax.tree.leaves(belief), np.asarray(fault, np.int8))]
+    arrays = [np.ascontiguousarray(a) for a in (*jax.tree.leaves(belief), np.ravel(np.asarray(fault, np.int8)))]
     about = {"owner": owner, "arrays": [[a.dtype.str, list(a.shape)] for a in arrays]}
     content = json.dumps(about).encode() + b"\n" + b"".join(a.tobytes() for a in arrays)
     return _BEGINNING + hashlib.sha256(content).digest() + content
 
 
 def restored(content: bytes, like: Belief, fault: Any, owner: dict[str, Any]) -> tuple[Belief, np.ndarray]:
-    """The belief and the fault of bytes, laid out as `like` and `fault`.
+    """The belief of bytes, laid out as `like`, and the fault of each track.
 
     Raises:
         InputError: where the bytes are no such state, damaged, of another filter or model, or not finite.
@@ -64,7 +64,7 @@ def restored(content: bytes, like: Belief, fault: Any, owner: dict[str, Any]) ->
     about = json.loads(header)
     _check_owner(about["owner"], owner)
     leaves, structure = jax.tree.flatten(like)
-    wanted = [[np.dtype(a.dtype).str, list(np.shape(a))] for a in (*leaves, np.asarray(fault, np.int8))]
+    wanted = [[np.dtype(a.dtype).str, list(np.shape(a))] for a in (*leaves, np.ravel(np.asarray(fault, np.int8)))]
     if about["arrays"] != wanted:
         raise InputError(f"the saved state has arrays {about['arrays']}, this filter needs {wanted}")
     found, at = [], 0
