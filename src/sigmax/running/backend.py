@@ -40,8 +40,8 @@ def attempt(backend: str | None, traced: bool, native: Callable[[], Any], xla: C
     here = asked is None and jax.default_backend() == "cpu"
     if here and compiler() is None:
         say_once(
-            "sigmax uses XLA, which is slower: no C compiler was found (cc, gcc, clang), and live steps take some sixty "
-            "times as long; install one"
+            "sigmax uses XLA, which is slower: no C compiler was found (cc, gcc, clang), and live steps take some "
+            "sixty times as long; install one"
         )
     if asked == "native" or (here and compiler() is not None):
         try:
