@@ -5,6 +5,7 @@ import multiprocessing
 import pickle
 import sys
 import threading
+from concurrent.futures import ProcessPoolExecutor
 
 import jax.numpy as jnp
 import numpy as np
@@ -167,8 +168,8 @@ def mean_elsewhere(live):
 def test_a_live_filter_goes_to_a_process_that_was_spawned():
     live = sigmax.Live("SRCKFB", PLANE, sigmax.Gaussian(np.zeros(4), np.eye(4)))
     live.step([0.5, 0.5], 1.0)
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        mean, saved = pool.apply(mean_elsewhere, (live,))
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        mean, saved = pool.submit(mean_elsewhere, live).result(timeout=120)
     live.step([1.0, 2.0], 1.0)
     assert np.array_equal(live.mean, mean)
     other = sigmax.Live("SRCKFB", PLANE, sigmax.Gaussian(np.zeros(4), np.eye(4)))
