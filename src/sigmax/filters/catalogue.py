@@ -1,7 +1,6 @@
 """The named filters, a line each."""
 
 import inspect
-import math
 from collections.abc import Callable, Hashable, Mapping
 from functools import lru_cache
 from types import MappingProxyType
@@ -9,6 +8,7 @@ from typing import Any, NamedTuple
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters.filter import Filter
+from sigmax.filters.parameters import fitted
 from sigmax.forms import Form, block, covariance, information, root_information, square_root, two_stage
 from sigmax.rules import (
     Marginal,
@@ -225,26 +225,6 @@ def get(name: str, **parameters: Any) -> Filter:
     return _made(str(name), tuple(parameters.items()))
 
 
-def _fitted(filter: str, parameter: str, kind: Any, value: Any) -> Any:
-    """A parameter, as a number or a truth value where it should be one.
-
-    Raises:
-        InputError: for anything else.
-    """
-    if value is None and kind == float | None:
-        return None
-    wanted = {bool: "True or False", int: "a whole number", float | None: "a finite number"}.get(kind)
-    try:
-        fits = wanted is None or (not isinstance(value, str) and math.isfinite(value))
-        fits &= kind is not bool or value in (0, 1)
-        fits &= kind is not int or value == int(value)
-    except (TypeError, ValueError, OverflowError):
-        fits = False
-    if not fits:
-        raise InputError(f"{parameter} of {filter} must be {wanted}; it is {value!r}")
-    return value
-
-
 @lru_cache(maxsize=256)
 def _made(name: str, given: tuple[tuple[str, Any], ...]) -> Filter:
     parameters = dict(given)
@@ -259,7 +239,7 @@ def _made(name: str, given: tuple[tuple[str, Any], ...]) -> Filter:
             raise InputError(f"{found} has no parameter {parameter!r}; it takes {takes}")
     makers = (entry.predict, entry.correct, entry.form)
     kinds = {k: p.annotation for make in makers for k, p in inspect.signature(make).parameters.items()}
-    parameters = {k: _fitted(found, k, kinds[k], v) for k, v in parameters.items()}
+    parameters = {k: fitted(found, k, kinds[k], v) for k, v in parameters.items()}
 
     def make(maker: Callable[..., Any]) -> Any:
         wanted = inspect.signature(maker).parameters

@@ -182,10 +182,7 @@ class Live:
             self.predict(dt, u)
             return self.update_together(together)
         if R is None and u is None and z is not None and isinstance(dt, _NUMBER) and 0 <= dt < _INFINITY:
-            try:
-                whole = self._state.whole.get(sensor)
-            except TypeError:  # no name at all: refused below
-                whole = None
+            whole = self._state.whole.get(sensor) if sensor is None or isinstance(sensor, str) else None
             if whole is not None:
                 if self._busy:
                     raise InputError(_SHARED)
