@@ -244,7 +244,7 @@ def test_a_study_is_stored_every_few_seconds_whatever_it_is_doing(tmp_path, monk
     monkeypatch.setattr("sigmax.studies.comparing._STORED_EVERY", 0.0)
     monkeypatch.setattr("sigmax.studies.study._PARTICLES", 1000)
     study = scalar(particles=20, optimum_runs=96)
-    assert study.piece(20) == 16
+    assert study.piece(20) == 8
     for stop_at in (1, 3, 5):
         reports = []
 
@@ -264,7 +264,7 @@ def test_a_study_is_stored_every_few_seconds_whatever_it_is_doing(tmp_path, monk
             folder=tmp_path / str(stop_at),
             report=lambda what, done, of, resumed=resumed: resumed.append((what, done)),
         )
-        assert [done for what, done in resumed if what == "optimum"] == [16 * k for k in range(stop_at + 1, 7)]
+        assert [done for what, done in resumed if what == "optimum"] == [8 * k for k in range(stop_at + 1, 13)]
         assert [done for what, done in resumed if what == "runs"] == [256]
 
 

@@ -151,7 +151,7 @@ def _cells(s: Standing, c: Comparison) -> list[str]:
         times(s.middle),
         "–" if s.cost is None else significant(s.cost),
         f"{s.lost} of {int(c.sums[s.name].runs)}",
-        "–" if s.honest is None else f"{s.honest.share:.0%}",
+        "–" if s.outside is None else f"{s.outside:.0%}",
         word,
     ]
 

@@ -154,7 +154,8 @@ def _jobs(workers: int | None) -> int:
 
 def _dealt(make: Callable[[Rows], Any], parts: Sequence[Rows], jobs: int, chunk: int) -> Iterator[tuple[Rows, Any]]:
     """What is made of each of the parts, in their order, in groups that take about `_GROUP` seconds."""
-    at, many = 0, jobs * chunk
+    # The first alone, so that there is something to be stored early.
+    at, many = 0, chunk
     while at < len(parts):
         group = parts[at : at + many]
         begun = time.perf_counter()
@@ -166,7 +167,8 @@ def _dealt(make: Callable[[Rows], Any], parts: Sequence[Rows], jobs: int, chunk:
             yield from zip(group, (one for some in found for one in some), strict=True)
         taken = time.perf_counter() - begun
         at += len(group)
-        many = 2 * many if taken < _GROUP / 2 else max(jobs * chunk, many // 2) if taken > _GROUP else many
+        many = 2 * many if taken < _GROUP / 2 else many // 2 if taken > _GROUP else many
+        many = max(many, jobs * chunk)
 
 
 def _made(make: Callable[[Rows], Any], parts: Sequence[Rows]) -> list[Any]:

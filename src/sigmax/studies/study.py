@@ -21,7 +21,7 @@ OPTIMA = ("guided", "bootstrap", "bank")
 # Numbers that one block of runs may hold of one covariance over time, and the runs it holds where that allows.
 _ROOM, _RUNS, _FEWEST = 6_000_000, 256, 8
 # Particles times steps of runs that are made together.
-_PARTICLES = 2_000_000
+_PARTICLES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ class Study:
     def piece(self, particles: int) -> int:
         """The runs for which the optimum is found together: so few that it takes seconds; a part of a block."""
         fitting = _PARTICLES // (max(particles, 1) * self.steps)
-        return int(min(self.block, 64, 2 ** int(np.log2(max(fitting, 16)))))
+        return int(min(self.block, 64, 2 ** int(np.log2(max(fitting, 8)))))
 
     @property
     def unasked(self) -> str:

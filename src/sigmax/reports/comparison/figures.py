@@ -246,12 +246,20 @@ def trade_figure(c: Comparison, found: Sequence[Standing]) -> Figure:
             }
         )
     to = "the optimum" if c.optimum is not None else "the best"
+    across: Figure = {"title": {"text": "cost of a step / EKF"}}
+    up: Figure = {"title": {"text": f"error / error of {to}"}, "type": "log", "exponentformat": "none"}
+    if data:
+        # Room for names to the right; and a single filter, or several that are alike, is no reason for a microscope.
+        costs, errors = zip(*((one.cost, one.distance) for one, _ in placed(found)), strict=True)
+        wide, high = max(max(costs) - min(costs), 0.1), max(float(np.log10(max(errors) / min(errors))), 0.02)
+        across["range"] = [min(costs) - 0.08 * wide, max(costs) + 0.2 * wide]
+        up["range"] = [float(np.log10(min(errors))) - 0.1 * high, float(np.log10(max(errors))) + 0.15 * high]
     return {
         "data": data,
         "layout": {
             "height": 440,
-            "xaxis": {"title": {"text": "cost of a step / EKF"}},
-            "yaxis": {"title": {"text": f"error / error of {to}"}, "type": "log", "exponentformat": "none"},
+            "xaxis": across,
+            "yaxis": up,
             "annotations": names,
         },
     }

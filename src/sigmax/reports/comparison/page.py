@@ -100,10 +100,10 @@ def _table(c: Comparison, found: Sequence[Standing]) -> str:
 
 def _outside(c: Comparison, s: Standing) -> str:
     """How often the truth is outside of the claimed 95 % region, where it is worst in comparison with what may be."""
-    if s.honest is None:
+    if s.honest is None or s.outside is None:
         return "–"
     when = "" if s.honest.step is None else f" at {significant(float(c.study.time[s.honest.step]))} s"
-    return f'<span>{s.honest.share:.0%}<span class="small">{escape(facet(s, c) + when)}</span></span>'
+    return f'<span>{s.outside:.0%}<span class="small">{escape(facet(s, c) + when)}</span></span>'
 
 
 def _trade(found: Sequence[Standing], mark: str) -> str:

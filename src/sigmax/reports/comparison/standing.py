@@ -52,6 +52,8 @@ class Standing(NamedTuple):
         needed: how many runs would tell, where the verdict is not known; None where no reasonable number would.
         cost: relative to the EKF, None where it was not measured.
         typical: NEES per degree of freedom of the run in the middle.
+        outside: share of cases with the truth outside of the claimed 95 % region where that is worst, None where it is
+            not asked, or says nothing because most runs are lost.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Standing(NamedTuple):
     needed: int | None = None
     cost: float | None = None
     typical: float = float("nan")
+    outside: float | None = None
 
 
 def standings(c: Comparison) -> list[Standing]:
@@ -96,6 +99,7 @@ def standings(c: Comparison) -> list[Standing]:
                 needed=_needed(c, k, lost, runs) if word is Word.UNKNOWN else None,
                 cost=float(c.costs[name].relative[2]) if name in c.costs else None,
                 typical=c.measures[name].typical,
+                outside=None if honest is None or 2 * lost[k] > runs else honest.share,
             )
         )
     return found
