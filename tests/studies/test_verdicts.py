@@ -7,8 +7,9 @@ from scipy.stats import binomtest
 
 import sigmax
 from sigmax.reports.comparison import Word, page, standings, verdict
-from sigmax.reports.comparison.figures import curve_figures, trade_figure
+from sigmax.reports.comparison.figures import curve_figures
 from sigmax.reports.comparison.judgement import Honesty, judged, loses
+from sigmax.reports.comparison.trade import trade_figure
 from sigmax.reports.shares import share_bounds
 from sigmax.studies import compare, load_studies
 from sigmax.studies.measures import measures

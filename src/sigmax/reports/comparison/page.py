@@ -13,9 +13,9 @@ from sigmax.reports.comparison.figures import (
     histogram_figures,
     label,
     shade,
-    trade_figure,
 )
 from sigmax.reports.comparison.standing import FAR, Standing, Word, standings
+from sigmax.reports.comparison.trade import trade_figure
 from sigmax.reports.comparison.verdict import RULES, facet, times, verdict
 from sigmax.reports.document import choices, document, place, section, table
 from sigmax.reports.figures.draw import Figure

@@ -11,9 +11,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import LogFormatter
 
-from sigmax.reports.comparison.figures import label, named, reach, readable, shade, shown_unit, symbol
+from sigmax.reports.comparison.figures import label, named, reach, readable, shade, shown_unit
 from sigmax.reports.comparison.labels import placed
 from sigmax.reports.comparison.standing import Standing
+from sigmax.reports.comparison.trade import symbol
 from sigmax.reports.verdict import significant
 from sigmax.studies import Comparison
 from sigmax.studies.measures import claimed_density, histogram
