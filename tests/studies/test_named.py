@@ -174,3 +174,10 @@ def test_every_named_study_runs_and_no_filter_beats_the_optimum(name):
                 # On average over the components at the last time; a paired difference is far below its error.
                 worse = (m.rmse.value[-1] / best.rmse.value[-1]).mean()
                 assert worse > 0.9, (study.name, filter_name, worse)
+
+
+def test_the_reentry_study_starts_as_its_source_does():
+    """Julier and Uhlmann (2004): P0 = diag(1e-6, 1e-6, 1e-6, 1e-6, 1) in kilometres."""
+    (study,) = load_studies("reentry")
+    kilometres = np.diag([1e-3] * 4 + [1.0])
+    np.testing.assert_allclose(kilometres @ study.prior.cov @ kilometres, np.diag([1e-6] * 4 + [1.0]))

@@ -85,19 +85,16 @@ def verdict(c: Comparison) -> tuple[str, list[str]]:
 
 def _nothing_to_take(found: Sequence[Standing], c: Comparison) -> str:
     open_ones = [s for s in found if s.word is Word.UNKNOWN]
+    best = min(open_ones or [s for s in found if not s.failure], key=_merit)
+    far = "" if c.optimum is None and _merit(best) <= 1.0005 else f", {_distance(best)} {_reference(c)}"
     if not open_ones:
-        least = min((s for s in found if not s.failure), key=_merit)
-        return (
-            f"None of these filters can be trusted here; the errors of {least.name} are {_distance(least)} "
-            f"{_reference(c)}."
-        )
+        return f"None of these filters can be trusted here; the errors of {best.name} are the smallest{far}."
     runs = int(next(iter(c.sums.values())).runs)
-    best = min(open_ones, key=_merit)
     needed = [s.needed for s in open_ones if s.needed is not None]
     ask = f": about {min(needed):,} would tell (--runs {min(needed)})" if needed else ""
     return (
-        f"{runs:,} runs are too few for a verdict{ask}. So far the errors of {best.name} are the smallest of "
-        f"those that may be sound, {_distance(best)} {_reference(c)}."
+        f"{runs:,} runs are too few for a verdict{ask}. So far the errors of {best.name} are the smallest of those "
+        f"that may be sound{far}."
     )
 
 
