@@ -6,6 +6,7 @@ import itertools
 import math
 import tomllib
 from collections.abc import Callable
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import sigmax
 from sigmax.errors import InputError
 from sigmax.records import load
 from sigmax.records.geodesy import east_north, velocity_east_north
+from sigmax.records.read_table import read_table
 from sigmax.records.suggest import propose
 from tests.test_cli import cli
 
@@ -242,6 +244,27 @@ def test_whatever_stands_for_nothing_is_missing(empty: str, tmp_path: Path) -> N
     assert np.isnan(record.z["position"]).sum() == 6  # and the two that begin the tracks
 
 
+NOTHINGS: dict[str, Callable[[], Any]] = {
+    "None among objects": lambda: pd.array([1.5, None, 3.5, 4.5], dtype=object),
+    "NA among integers": lambda: pd.array([1, pd.NA, 3, 4], dtype="Int64"),
+    "NA among floats": lambda: pd.array([1.5, pd.NA, 3.5, 4.5], dtype="Float64"),
+    "NaN": lambda: np.array([1.5, np.nan, 3.5, 4.5]),
+    "None among decimals": lambda: pd.array([Decimal("1.5"), None, Decimal("3.5"), Decimal("4.5")], dtype=object),
+    "None among text": lambda: pd.array(["1.5", None, "3.5", "4.5"], dtype=object),
+    "NA among categories": lambda: pd.Categorical([1.5, None, 3.5, 4.5]),
+    "floats of half length": lambda: np.array([1.5, np.nan, 3.5, 4.5], np.float16),
+    "a mask": lambda: np.ma.masked_equal([1.5, -9999.0, 3.5, 4.5], -9999.0).filled(np.nan),
+}
+
+
+@pytest.mark.parametrize("case", NOTHINGS)
+def test_whatever_stands_for_nothing_in_parquet_is_missing(case: str, tmp_path: Path) -> None:
+    pd.DataFrame({"t": range(4), "x": NOTHINGS[case](), "y": range(4)}).to_parquet(tmp_path / "d.parquet")
+    x = read_table(tmp_path / "d.parquet").numbers("x")
+    assert np.isnan(x).tolist() == [False, True, False, False]
+    assert x[2] in (3.0, 3.5)
+
+
 def test_what_the_automatic_identification_system_sends_for_nothing_is_missing(tmp_path: Path) -> None:
     w = world()
     table = pd.DataFrame({"MMSI": w.id, "BaseDateTime": TIMES["BaseDateTime"](w), "LAT": w.lat, "LON": w.lon,
@@ -312,6 +335,17 @@ DOUBTS: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], str, str]] = {
     "rows twice": (lambda d: pd.concat([d, d.iloc[[3, 5]]]).sort_values("t"), "remove them", "2 rows say the same"),
     "a number for none": (lambda d: d.assign(r=d.r.where(d.index % 4 > 0, -9999)), "missing = -9999", "-9999 in 5"),
 }  # fmt: skip
+
+
+def test_a_radar_alone_tells_by_its_pace_that_time_is_in_milliseconds(tmp_path: Path) -> None:
+    t = np.arange(0.0, 200.0, 10.0)
+    x, y = 5000 + 30 * t, 3000 - 40 * t
+    polar = {"r": np.hypot(x, y), "az": np.arctan2(y, x)}
+    text = RADAR.format(time='"t"', azimuth='"az"')
+    (tmp_path / "d.toml").write_text(text[: text.index("[sensors.gps]")] + text[text.index("[prior]") :])
+    for scale, told in ((1.0, False), (1e5, True)):
+        written(tmp_path / "d.csv", pd.DataFrame({"t": t * scale} | polar))
+        assert any("unit of the time" in doubt for doubt in load(str(tmp_path / "d.toml")).doubts) == told
 
 
 @pytest.mark.parametrize("case", [None, *DOUBTS])

@@ -9,6 +9,7 @@ import numpy as np
 from sigmax.records.description import Description
 from sigmax.records.likely import LATEST, epoch_unit, likely_track, speeds
 from sigmax.records.model import Built
+from sigmax.records.sensor import first_position
 from sigmax.records.table import Table
 from sigmax.records.units import ANGLE, TURN_RATE, quantity
 
@@ -132,11 +133,12 @@ def _pace(
     measured: dict[str, np.ndarray],
 ) -> Iterator[str]:
     """Doubts from how fast positions change against how fast the prior says that targets may be."""
-    sensor = next((s for s, sensing in built.sensings.items() if sensing.kind == "position"), None)
+    kinds = "position", "range_azimuth"
+    sensor = next((s for s, one in built.sensings.items() if one.kind in kinds and not callable(one.R)), None)
     fastest = _fastest(description, built)
     if sensor is None or fastest is None:
         return
-    place = measured[sensor]
+    place, _ = first_position(built.sensings[sensor], measured[sensor])
     column = next(iter(description.sensors[sensor].columns.values()))
     if re.match(r"#?\s*(lat|lon|lng)", column.column.casefold()) and description.local is None:
         yield (
