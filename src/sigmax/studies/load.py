@@ -17,7 +17,7 @@ from sigmax.models.builtin import BUILTIN, Scenario
 from sigmax.records import find_model, load, parse_trial
 from sigmax.records.description import Section, read_toml
 from sigmax.records.load import builtin as builtin_records
-from sigmax.records.userfile import Functions, called, is_reference
+from sigmax.records.userfile import Functions, called, check_runnable, is_reference
 from sigmax.studies.named import NAMED
 from sigmax.studies.of_record import of_record
 from sigmax.studies.study import Study, undisturbed
@@ -191,6 +191,7 @@ def _modelled(given: StudyDescription, path: Path) -> Study:
     """A study on the model of a description, with the rows of the record where it is that of one."""
     title, record = given.title or path.stem, given.model
     if not is_reference(record) and record.casefold().endswith(".toml"):
+        check_runnable(path.parent / record, path.parent, "model")
         record = str(path.parent / record)
     if record.casefold() in builtin_records() or _is_record(Path(record)):
         return replace(of_record(load(record), path.stem, given.steps or 0, dt=given.dt), title=title)
