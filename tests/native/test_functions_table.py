@@ -99,7 +99,7 @@ def wrong(entries: list[Entry], ways: tuple[str, ...], use: int, rows: np.ndarra
         try:
             functions.append(traced(whole(called(entry, ways), use), SIZES, dtype))
             kept.append(entry)
-        except (NotImplementedError, TypeError, ValueError):
+        except (NotImplementedError, TypeError, ValueError, IndexError):
             # Not every function has a derivative, takes single numbers or float32; then there is nothing to lower.
             if use == 0 and "vectors" in ways and dtype == np.float64:
                 raise
