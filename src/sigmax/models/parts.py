@@ -70,7 +70,7 @@ class Part:
     function: Callable[..., Any]
 
     def __init__(self, function: Callable[..., Any], origin: Origin) -> None:
-        self.function, self.origin = function, origin
+        self.function, self._made_by = function, origin
         functools.update_wrapper(self, function)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -78,7 +78,7 @@ class Part:
         return self.function(*args, **kwargs)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return made_again, tuple(self.origin)
+        return made_again, tuple(self._made_by)
 
 
 class Maker(Part):
@@ -86,7 +86,7 @@ class Maker(Part):
 
     def __init__(self, function: Callable[..., Any], origin: Origin) -> None:
         super().__init__(function, origin)
-        self._kept: dict[Any, Any] = {}
+        self._parts_made: dict[Any, Any] = {}
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """What the arguments make."""
@@ -99,14 +99,14 @@ class Maker(Part):
             return self.function(*args, **kwargs)
         key = args, tuple(kwargs.items())
         try:
-            found = self._kept.get(key)
+            found = self._parts_made.get(key)
         except TypeError:  # it cannot be looked up
             return _named(self.function(*args, **kwargs), by, args, kwargs)
         if found is None:
             found = _named(self.function(*args, **kwargs), by, args, kwargs)
-            while len(self._kept) >= _MOST_KEPT:
-                self._kept.pop(next(iter(self._kept)))
-            self._kept[key] = found
+            while len(self._parts_made) >= _MOST_KEPT:
+                self._parts_made.pop(next(iter(self._parts_made)))
+            self._parts_made[key] = found
         return found
 
 

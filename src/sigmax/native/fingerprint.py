@@ -33,12 +33,21 @@ _LOOKS_ABROAD = {
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis))
 _COLLECTIONS = (tuple, list, dict, frozenset, types.MappingProxyType, collections.OrderedDict)
 # Attributes that functools.wraps copies, of which nothing is computed.
-_FOR_READERS = ("__annotations__", "__doc__", "__type_params__")
+# And how a ready-made part was made, and which it has made so far.
+_FOR_READERS = ("__annotations__", "__doc__", "__type_params__", "_made_by", "_parts_made")
 # What changes how JAX traces.
 _SETTINGS = ("enable_x64", "numpy_dtype_promotion", "default_dtype_bits", "default_matmul_precision")
 
 
 Seen = dict[int, tuple[int, Any]]  # by identity: its number, and the thing itself
+
+
+class _SeenObjects(Seen):
+    """But for plain values: equal ones are the same, whether or not they are one, as in a pickled copy."""
+
+    def __setitem__(self, key: int, value: tuple[int, Any]) -> None:
+        if not isinstance(value[1], tuple | list | dict | frozenset | str | np.ndarray | np.generic | jax.Array):
+            super().__setitem__(key, value)
 
 
 class _Opaque(Exception):
@@ -59,12 +68,12 @@ def fingerprint(*things: Any, installed: bytes | None = None) -> str | None:
 
     Args:
         things: what it is of.
-        installed: what it stands on, if not this very installation.
+        installed: what it stands on, if not this very installation; for a digest that a pickled copy has too.
     """
     digest = hashlib.sha256(installation() if installed is None else installed)
     digest.update(repr([getattr(jax.config, f"jax_{name}", None) for name in _SETTINGS]).encode())
     try:
-        for part in _parts(things, {}):
+        for part in _parts(things, {} if installed is None else _SeenObjects()):
             digest.update(part)
             digest.update(b"\0")
     except _Opaque:

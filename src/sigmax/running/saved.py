@@ -25,7 +25,7 @@ def identity(filter: Filter, model: Model) -> dict[str, Any]:
     The functions and numbers of filter and model are in the fingerprint, where they can be seen through; bytecode
     is part of it, so that it says something to the same Python only.
     """
-    found = fingerprint(filter, vars(model), installed=b"")
+    found = _fingerprint(filter, model)
     return {
         # Of the package itself, which imports this file and not the other way round.
         "version": sys.modules[__name__.partition(".")[0]].__version__,
@@ -36,6 +36,20 @@ def identity(filter: Filter, model: Model) -> dict[str, Any]:
         "sensors": {s: None if names is None else list(map(str, names)) for s, names in model.measurement.items()},
         "fingerprint": None if found is None else f"{platform.python_version()} {found}",
     }
+
+
+def _fingerprint(filter: Filter, model: Model) -> str | None:
+    """Of functions and numbers one by one: which of them share what differs between a model and its pickled copy."""
+    functions = [model.motion, *model.sensors.values(), model.domain, model.Q, *model.R.values()]
+    if model.bias is not None:
+        functions += [model.bias.motion, *model.bias.sensor.values(), model.bias.Q]
+    parts = [fingerprint(filter, installed=b"")]
+    parts += [fingerprint(f, installed=b"") for f in functions if callable(f)]
+    if None in parts:
+        return None
+    numbers = [(np.shape(a), np.asarray(a, float).tobytes()) for a in jax.tree.leaves(model)]
+    about = parts, numbers, model.angular, model.measurement_angles(), model.fusion
+    return hashlib.sha256(repr(about).encode()).hexdigest()
 
 
 def saved(belief: Belief, fault: Any, owner: dict[str, Any]) -> bytes:
