@@ -95,6 +95,8 @@ FLOAT_UNARY = {
     "barrier": lax.optimization_barrier,
     "copy": lambda x: jnp.array(x, copy=True),
     "from one half": lambda x: 0.5 - x,
+    "from zero": lambda x: 1 / (0.0 - x),
+    "minus a difference": lambda x: -(x - x[0]),
 }
 FLOAT_BINARY = {
     **{n: getattr(lax, n) for n in ("add", "sub", "mul", "div", "rem", "max", "min")},
@@ -369,6 +371,7 @@ SUMS = {
     "scalar products": lambda x: jnp.stack(
         [x @ x, jnp.vdot(x, x), jnp.inner(x, x), jnp.tensordot(x, x, 1), jnp.einsum("i,i->", x, x)]
     ),
+    "product with a number": lambda x: lax.dot_general(x, x[0], (((), ()), ((), ()))),
     "truth times integers": lambda x: (x > 0) @ jnp.arange(8),
     "counted": lambda x: jnp.stack([(x > 0).sum(), jnp.count_nonzero(x), jnp.cumsum(x > 0)[3]]),
     "preferred": lambda x: lax.dot_general(x, x, (((0,), (0,)), ((), ())), preferred_element_type=jnp.float64),

@@ -52,7 +52,8 @@ _OF_TRUTH = {"max": "or", "min": "and", "add": "or", "mul": "and", "ne": "xor"}
 
 def as_numbers(g: Graph, a: Array) -> Array:
     """Truth values as 0 and 1, numbers as they are."""
-    return np.frompyfunc(lambda x: g.apply("select", x, g.constant(1.0), g.constant(0.0)) if x.truth else x, 1, 1)(a)
+    one, zero = g.constant(1.0), g.constant(0.0)
+    return boxed(np.frompyfunc(lambda x: g.apply("select", x, one, zero) if x.truth else x, 1, 1)(a))
 
 
 @rule("lt_to", "le_to", integers=False)

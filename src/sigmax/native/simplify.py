@@ -23,10 +23,9 @@ def _add(g: Makes, x: Node, y: Node) -> Node | None:
 
 
 def _subtract(g: Makes, x: Node, y: Node) -> Node | None:
+    # 0 - y is not -y, which gives 0 a sign.
     if _is(y, 0):
         return x
-    if _is(x, 0):
-        return g.apply("negative", y)
     if y.operation == "negative":
         return g.apply("+", x, y.arguments[0])
     return None
@@ -65,11 +64,8 @@ def _divide(g: Makes, x: Node, y: Node) -> Node | None:
 
 
 def _negate(g: Makes, x: Node) -> Node | None:
-    if x.operation == "negative":
-        return x.arguments[0]
-    if x.operation == "-":
-        return g.apply("-", x.arguments[1], x.arguments[0])
-    return None
+    # -(x - y) is not y - x: the one has a sign where both are equal.
+    return x.arguments[0] if x.operation == "negative" else None
 
 
 def _select(g: Makes, p: Node, x: Node, y: Node) -> Node | None:
