@@ -32,7 +32,8 @@ def apart(
 ) -> list[str] | None:
     """What a filter says otherwise than the plain one, by backend.
 
-    None where there is nothing to compare: where the plain one breaks down, or hangs on the last bits of its prior.
+    None where there is nothing to compare: where the plain one breaks down or hangs on the last bits of its prior,
+    or where JAX itself has no derivative of a function.
     """
     R = {s: np.linspace(0.1, 0.3, v.shape[1]) for s, v in z.items()}
     plain = Plain("CKF" if kind == "SRCKFB" else kind, motion, sensors, Q, R)
@@ -40,7 +41,7 @@ def apart(
     try:
         mean, cov = plain.filtered(MEAN, COV, z, DT, U)
         nudged = [plain.filtered(MEAN * (1 + 1e-12 * rng.choice([-1, 1], 4)), COV, z, DT, U) for _ in range(3)]
-    except np.linalg.LinAlgError:
+    except (np.linalg.LinAlgError, NotImplementedError, TypeError, ValueError):
         return None
     spread = max(np.abs(m - mean).max() + np.abs(c - cov).max() for m, c in nudged)
     if not (np.isfinite(mean).all() and np.isfinite(cov).all() and spread < 1e-8):
