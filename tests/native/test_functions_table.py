@@ -100,7 +100,7 @@ def wrong(entries: list[Entry], ways: tuple[str, ...], use: int, rows: np.ndarra
             functions.append(traced(whole(called(entry, ways), use), SIZES, dtype))
             kept.append(entry)
         except Exception:
-            # Raised by JAX while tracing: not every function has a derivative, takes single numbers or float32; then there is nothing to lower.
+            # Raised by JAX while tracing: not every function has a derivative, takes single numbers or float32.
             if use == 0 and "vectors" in ways and dtype == np.float64:
                 raise
     found = verdicts(functions, rows)
