@@ -80,7 +80,7 @@ def reference(closed: Any, rows: list[np.ndarray], seed: int = 0) -> Judged:
         spread = np.where(np.isfinite(value), np.abs(others - value), 0).max(0)
     rounding = 0.0 if exact else 16 * noise.eps * np.abs(np.where(np.isfinite(value), value, 0))
     # What falls below the smallest normal number on its way is gone.
-    tolerance = 16 * spread + rounding + 1000 * float(np.finfo(dtype).tiny)
+    tolerance = 32 * spread + rounding + 1000 * float(np.finfo(dtype).tiny)
     sure = same & ~noise.lost.reshape(SAMPLES + 1, count).any(0)[:, None]
     return Judged(value, tolerance, sure & ~(tolerance > 1e-2 * (np.abs(value) + noise.eps**0.5)))
 
