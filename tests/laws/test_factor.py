@@ -8,10 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sigmax.algebra.factor import Diagonal, absorb, add, cholesky, downdate, inverse_lower, solve_lower, tria
+from sigmax.algebra.rotations import rotate
 
 N, K = 4, 6
 seeds = st.integers(0, 2**32 - 1)
-functions = {f.__name__: jax.jit(f) for f in (absorb, add, cholesky, downdate, inverse_lower, solve_lower, tria)}
+functions = {
+    f.__name__: jax.jit(f) for f in (absorb, add, cholesky, downdate, inverse_lower, rotate, solve_lower, tria)
+}
 
 
 def triangle(rng, spread=3.0):
@@ -72,6 +75,19 @@ def test_absorbing_columns(seed, diagonal):
     is_factor_of(got.factor, L @ L.T + A @ A.T)
     assert np.allclose(got.cross @ got.factor.T, B @ A.T, atol=1e-11)
     assert np.allclose(got.cross @ got.cross.T + got.rest @ got.rest.T, B @ B.T, atol=1e-11)
+
+
+@given(seeds, st.booleans())
+def test_rotating_keeps_a_triangle(seed, diagonal):
+    """The same as absorbing, and what is left of a lower triangle is one."""
+    rng = np.random.default_rng(seed)
+    L = np.abs(np.diag(rng.standard_normal(N))) if diagonal else triangle(rng, 1.0)
+    A, B = rng.standard_normal((N, K)), np.tril(rng.standard_normal((K, K)))
+    np.fill_diagonal(B, np.abs(np.diagonal(B)))
+    got = functions["rotate"](Diagonal(jnp.asarray(np.diagonal(L).copy())) if diagonal else L, A, B)
+    is_factor_of(got.factor, L @ L.T + A @ A.T)
+    assert np.allclose(got.cross @ got.factor.T, B @ A.T, atol=1e-11)
+    is_factor_of(got.rest, B @ B.T - got.cross @ got.cross.T, 1e-11)
 
 
 def test_absorbing_into_nothing_and_nothing():

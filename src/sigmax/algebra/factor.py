@@ -61,11 +61,12 @@ def safe_sqrt(a: jax.Array) -> tuple[jax.Array, jax.Array]:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, a, 1)), 0), positive
 
 
-def _reciprocal(a: jax.Array, where: jax.Array) -> jax.Array:
+def reciprocal(a: jax.Array, where: jax.Array) -> jax.Array:
+    """1 / a, and 0 with the derivative 0 elsewhere."""
     return jnp.where(where, 1 / jnp.where(where, a, 1), 0)
 
 
-def _lower(columns: list[jax.Array]) -> jax.Array:
+def triangle(columns: list[jax.Array]) -> jax.Array:
     """Columns given from the diagonal down, as one lower triangle (n, n, ...)."""
     zero = jnp.zeros_like(columns[0][:1])
     return jnp.stack([jnp.concatenate([zero] * j + [c]) if j else c for j, c in enumerate(columns)], axis=1)
@@ -90,7 +91,7 @@ def cholesky(P: jax.Array) -> tuple[jax.Array, jax.Array]:
         sound &= pivot >= -rounding * growth * jnp.abs(variance[j])
         usable = pivot > rounding * variance[j]
         diagonal, _ = safe_sqrt(jnp.where(usable, pivot, 0))
-        scale = _reciprocal(diagonal, usable)
+        scale = reciprocal(diagonal, usable)
         growth = jnp.maximum(growth, jnp.where(usable, variance[j] * scale * scale, 1))
         # P_ij² ≤ P_ii P_jj, of what is left.
         most = 4 * rounding * growth * jnp.abs(variance[j] * variance[j + 1 :])
@@ -98,7 +99,7 @@ def cholesky(P: jax.Array) -> tuple[jax.Array, jax.Array]:
         below = P[1:, 0] * scale
         columns.append(jnp.concatenate([diagonal[None], below]))
         P = P[1:, 1:] - below[:, None] * below[None]
-    return _lower(columns), sound
+    return triangle(columns), sound
 
 
 class Mirror(NamedTuple):
@@ -128,12 +129,12 @@ def reflected(A: jax.Array) -> tuple[jax.Array, list[Mirror]]:
         turn = jnp.where(row[0] >= 0, 1.0, -1.0).astype(A.dtype)
         head = row[0] + turn * norm
         mirror = jnp.concatenate([head[None], row[1:]])
-        scale = _reciprocal(squared + jnp.abs(row[0]) * norm, nonzero)
+        scale = reciprocal(squared + jnp.abs(row[0]) * norm, nonzero)
         weight = (below * mirror[None]).sum(1) * scale
         columns.append(jnp.concatenate([norm[None], turn * (weight * head - below[:, 0])]))
         mirrors.append(Mirror(mirror, scale, -turn))
         A = below[:, 1:] - weight[:, None] * mirror[None, 1:]
-    return _lower(columns), mirrors
+    return triangle(columns), mirrors
 
 
 def turned_back(E: jax.Array, mirrors: list[Mirror]) -> jax.Array:
@@ -170,7 +171,7 @@ def absorb(L: Matrix, A: jax.Array, B: jax.Array) -> Absorbed:
         row, below = A[0], A[1:]
         norm, nonzero = safe_sqrt(pivot * pivot + (row * row).sum(0))
         head = pivot + norm
-        scale = _reciprocal(norm * head, nonzero)
+        scale = reciprocal(norm * head, nonzero)
         weight = (below * row[None]).sum(1)
         beside = None if isinstance(L, Diagonal) else L[k + 1 :, k]
         if beside is not None:
@@ -182,7 +183,7 @@ def absorb(L: Matrix, A: jax.Array, B: jax.Array) -> Absorbed:
         weight = (B * row[None]).sum(1) * scale
         crosses.append(weight * head)
         B = B - weight[:, None] * row[None]
-    return Absorbed(_lower(columns), jnp.stack(crosses, axis=1), B)
+    return Absorbed(triangle(columns), jnp.stack(crosses, axis=1), B)
 
 
 def add(L: Matrix, A: jax.Array) -> jax.Array:
@@ -215,16 +216,16 @@ def release(L: jax.Array, V: jax.Array, B: jax.Array) -> tuple[Absorbed, jax.Arr
         sound &= positive | ((pivot == 0) & (size == 0))
         if several:
             head = pivot + new
-            weight = (beside * head - (below * row[None]).sum(1)) * _reciprocal(new * head, positive)
+            weight = (beside * head - (below * row[None]).sum(1)) * reciprocal(new * head, positive)
             turned = jnp.where(positive, weight * head - beside, beside)
             V = below - weight[:, None] * row[None]
         else:
-            cosine = jnp.where(positive, new * _reciprocal(pivot, positive), 1)
-            sine = size * _reciprocal(pivot, positive)
+            cosine = jnp.where(positive, new * reciprocal(pivot, positive), 1)
+            sine = size * reciprocal(pivot, positive)
             turned = (beside - sine * below[:, 0]) / cosine
             V = cosine * below - sine * turned[:, None]
         columns.append(jnp.concatenate([new[None], turned]))
-    whole = _lower(columns)
+    whole = triangle(columns)
     return Absorbed(whole[:n], whole[n:], V), sound
 
 

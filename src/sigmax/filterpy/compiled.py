@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import outer, product
-from sigmax.algebra.factor import inverse_lower, solve_lower, square
-from sigmax.forms import block
+from sigmax.algebra.arrays import outer, product, times
+from sigmax.algebra.factor import absorb, inverse_lower, solve_lower, square, tria
+from sigmax.forms.noise import noise_factor, predict
 from sigmax.native import Refused, Unavailable
 from sigmax.native.calls import extension
 from sigmax.rules.linearization import Linearization
@@ -88,22 +88,24 @@ def _line(slope: jax.Array, residual: jax.Array, deficit: jax.Array) -> Lineariz
 
 
 def _predicted(slope: jax.Array, residual: jax.Array, deficit: jax.Array, Lq: jax.Array) -> Predicted:
-    made = block.predict(_line(slope, residual, deficit), Lq)
+    made = predict(_line(slope, residual, deficit), Lq)
     return Predicted(made.factor, square(made.factor), _number(made.sound, made.factor))
 
 
 def _corrected(
     S: jax.Array, slope: jax.Array, residual: jax.Array, deficit: jax.Array, Lr: jax.Array, y: jax.Array
 ) -> Corrected:
-    made = block.correct(S, _line(slope, residual, deficit), Lr, y)
-    Sy = made.innovation_factor
+    noise, exists = noise_factor(_line(slope, residual, deficit), Lr)
+    # S may have more columns than rows.
+    Sy, cross, rest = absorb(noise, slope, S)
+    whitened, factor = solve_lower(Sy, y), tria(rest)
     half = solve_lower(Sy, outer(slope, S))
     gain = product(half.swapaxes(0, 1), inverse_lower(Sy))
     # A pivot within rounding of zero is none.
     pivots = jnp.stack([Sy[i, i] ** 2 for i in range(len(y))])
-    sound = made.sound & (pivots > 1e-30 * (Sy * Sy).sum(1)).all()
-    whitened, factor = made.whitened, made.factor
-    return Corrected(made.shift, factor, square(factor), gain, whitened, Sy, square(Sy), _number(sound, factor))
+    sound = exists & (pivots > 1e-30 * (Sy * Sy).sum(1)).all()
+    shift = times(cross, whitened)
+    return Corrected(shift, factor, square(factor), gain, whitened, Sy, square(Sy), _number(sound, factor))
 
 
 def _number(sound: jax.Array, factor: jax.Array) -> jax.Array:

@@ -3,7 +3,8 @@
 import jax
 
 from sigmax.algebra.arrays import product, times
-from sigmax.algebra.factor import Matrix, absorb, add, identity, solve_lower, tria
+from sigmax.algebra.factor import Matrix, add, identity, solve_lower
+from sigmax.algebra.rotations import rotate
 from sigmax.forms.form import Corrected, Form
 from sigmax.forms.noise import noise_factor, predict, predict_squared
 from sigmax.rules.linearization import Linearization
@@ -12,13 +13,13 @@ from sigmax.rules.linearization import Linearization
 def _exact(S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
     """Y⁺ = Y + Aᵀ (R + Ω)⁻¹ A with A = E S⁻¹: S⁺ = S D, D Dᵀ = (I + Eᵀ (R + Ω)⁻¹ E)⁻¹.
 
-    D is what the reflections leave of I in [[R̃, E], [0, I]] → [[S_y, 0], [W, T]]: neither Y nor R̃ is inverted,
+    D is what rotations leave of I in [[R̃, E], [0, I]] → [[S_y, 0], [W, D]]: neither Y nor R̃ is inverted,
     and a component known exactly, whose information is infinite, is one like any other.
     """
     Lr, sound = noise_factor(line, Lr)
-    Sy, gain, rest = absorb(Lr, line.slope, identity(S))
+    Sy, gain, D = rotate(Lr, line.slope, identity(S))
     whitened = solve_lower(Sy, nu)
-    return Corrected(times(S, times(gain, whitened)), product(S, tria(rest)), whitened, Sy, sound)
+    return Corrected(times(S, times(gain, whitened)), product(S, D), whitened, Sy, sound)
 
 
 def _paper(S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:

@@ -4,17 +4,18 @@ import jax
 
 from sigmax.algebra.arrays import product, times
 from sigmax.algebra.factor import Matrix, absorb, identity, solve_lower, tria
+from sigmax.algebra.rotations import rotate
 from sigmax.forms.form import Corrected, Form
 from sigmax.forms.noise import noise_factor, predict, predict_squared
 from sigmax.rules.linearization import Linearization
 
 
 def _correct_block(S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
-    """[[R̃, E], [0, S]] triangularised at once to [[S_y, 0], [K S_y, S⁺]]."""
+    """[[R̃, E], [0, S]] turned at once to [[S_y, 0], [K S_y, S⁺]], S staying the triangle that it is."""
     Lr, sound = noise_factor(line, Lr)
-    Sy, gain, rest = absorb(Lr, line.slope, S)
+    Sy, gain, rest = rotate(Lr, line.slope, S)
     whitened = solve_lower(Sy, nu)
-    return Corrected(times(gain, whitened), tria(rest), whitened, Sy, sound)
+    return Corrected(times(gain, whitened), rest, whitened, Sy, sound)
 
 
 def _correct_twice(S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:

@@ -18,7 +18,8 @@ import jax
 import jax.numpy as jnp
 
 from sigmax.algebra.arrays import product, times
-from sigmax.algebra.factor import Matrix, absorb, add, identity, solve_lower, tria
+from sigmax.algebra.factor import Matrix, add, identity, solve_lower
+from sigmax.algebra.rotations import rotate
 from sigmax.forms.form import Corrected, Form
 from sigmax.forms.information import information
 from sigmax.forms.noise import noise_factor, predict_squared
@@ -57,21 +58,21 @@ def _exact(
 ) -> Stages:
     """Two gains, K₁ = P₁ Hᵀ S₁⁻¹ of the state where the bias is known, K₂ = P₂ Nᵀ P_zz⁻¹ of the bias.
 
-    D₁ and D₂ are what reflections leave of I in each stage: I − E₁ᵀ (S₁ S₁ᵀ)⁻¹ E₁ = (I + E₁ᵀ (R + Ω)⁻¹ E₁)⁻¹, the sum
+    D₁ and D₂ are what rotations leave of I in each stage: I − E₁ᵀ (S₁ S₁ᵀ)⁻¹ E₁ = (I + E₁ᵀ (R + Ω)⁻¹ E₁)⁻¹, the sum
     of information of the stage, without a difference or an inverse.
     """
     C, L1 = blocks
     E2, E1 = slopes
     noise, sound = noise_factor(line, Lr)
-    known, cross1, rest1 = absorb(noise, E1, identity(L1))
-    Sy, cross2, rest2 = absorb(known, E2, identity(E2))
+    known, cross1, D1 = rotate(noise, E1, identity(L1))
+    Sy, cross2, D2 = rotate(known, E2, identity(E2))
     whitened = solve_lower(Sy, nu)
 
     def gained(v: jax.Array) -> jax.Array:
         return product(L1, product(cross1, solve_lower(known, v)))
 
     shift = times(cross2, whitened), gained(nu[:, None])[:, 0]
-    return Stages(C - gained(E2), tria(rest2), tria(rest1), shift, whitened, Sy, sound)
+    return Stages(C - gained(E2), D2, D1, shift, whitened, Sy, sound)
 
 
 def _paper(
