@@ -3,7 +3,10 @@
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.factor import Absorbed, Matrix, dense, reciprocal, safe_sqrt, triangle
+from sigmax.algebra.factor import Absorbed, Matrix, absorb, dense, reciprocal, safe_sqrt, tria, triangle
+
+# XLA takes minutes over the m n rotations of more columns than this; reflections are m, and n for the triangle.
+_ROTATED = 20
 
 
 def rotate(L: Matrix, A: jax.Array, B: jax.Array) -> Absorbed:
@@ -13,7 +16,11 @@ def rotate(L: Matrix, A: jax.Array, B: jax.Array) -> Absorbed:
     of B lies below the column that comes next (Carlson's triangular correction, as rotations). The diagonal of
     B is multiplied by cosines, so that nothing that cancels can be left in it.
     """
-    L, n = dense(L), A.shape[1]
+    n = A.shape[1]
+    if n > _ROTATED:
+        factor, cross, rest = absorb(L, A, B)
+        return Absorbed(factor, cross, tria(rest))
+    L = dense(L)
     columns, crosses = [], []
     for i in range(A.shape[0]):
         pivot, below = L[i, i], L[i + 1 :, i]
