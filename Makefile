@@ -33,8 +33,10 @@ test: lint
 	$(BIN)/pytest -m "not slow" -n $(WORKERS)
 	$(BIN)/mkdocs build --strict --quiet --site-dir build/site
 
+# As a whole, or a part of it: make slow SLOW=tests/studies
+SLOW ?= tests
 slow: $(VENV)/ready-test
-	$(BIN)/pytest -m slow
+	$(BIN)/pytest -m slow -n $(WORKERS) $(SLOW)
 
 docs: $(VENV)/ready-test
 	$(BIN)/mkdocs serve

@@ -380,7 +380,7 @@ def run_with(prior, **given):
         ({"sensor": {"radar": None}}, "must act on something"),
         ({"sensor": F, "names": ("b",)}, "2 different names"),
         ({"sensor": F, "names": ("b", "c", "c")}, "2 different names"),
-        ({"sensor": F, "names": (1, 2)}, "2 different names"),
+        ({"sensor": F, "names": (1, 2)}, "one or several names in quotes"),
         ({"sensor": F, "Q": [-1.0, 1.0]}, "bias's Q must be positive semidefinite"),
         ({"sensor": F, "Q": lambda dt: jnp.ones(3)}, "bias's Q\\(…\\) must give a covariance of shape \\(2, 2\\)"),
         ({"sensor": F, "Q": lambda x, dt: -jnp.ones(2)}, "bias's Q\\(…\\) at the start must be positive semidefinite"),
