@@ -79,10 +79,12 @@ def test_a_cache_that_grows_too_large_loses_what_was_not_used_for_longest(tmp_pa
     assert sorted(p.name for p in (tmp_path / "ab").iterdir()) == [f"{k}.so" for k in range(6)]
 
 
-def test_without_a_compiler_xla_takes_over_in_silence(tmp_path, right):
+def test_without_a_compiler_xla_takes_over_and_one_line_says_what_that_costs(tmp_path, right):
     value, warned = filtered(tmp_path, SIGMAX_CC="")
     assert value == pytest.approx(right, rel=1e-12)
-    assert warned == ""
+    assert len(warned.splitlines()) == 1
+    assert "no C compiler was found" in warned
+    assert "sixty times" in warned
     assert libraries(tmp_path) == []
 
 
