@@ -1,6 +1,11 @@
+import ctypes
+import ctypes.util
+import itertools
 import os
 
 import hypothesis
+import jax
+import pytest
 
 # A defect of the lowering, which users see as a line of warning and XLA, is an error here.
 os.environ["SIGMAX_DEFECTS"] = "raise"
@@ -8,3 +13,16 @@ os.environ["SIGMAX_DEFECTS"] = "raise"
 # Compiling makes the first example slow; what matters here is what is computed.
 hypothesis.settings.register_profile("sigmax", deadline=None, max_examples=60, derandomize=True)
 hypothesis.settings.load_profile("sigmax")
+
+_tests = itertools.count(1)
+_trim = getattr(ctypes.CDLL(ctypes.util.find_library("c")), "malloc_trim", None)
+
+
+@pytest.fixture(autouse=True)
+def memory():
+    """What JAX has compiled is forgotten from time to time: over hundreds of filters it comes to many gigabytes."""
+    yield
+    if next(_tests) % 50 == 0:
+        jax.clear_caches()
+        if _trim is not None:
+            _trim(0)

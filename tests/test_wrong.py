@@ -196,7 +196,7 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     tmp_path.chmod(0o755)
     assert done.returncode == 2
-    assert "cannot be written" in done.stderr
+    assert "give --out another folder" in done.stderr
     assert "Traceback" not in done.stderr
 
 

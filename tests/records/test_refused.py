@@ -206,7 +206,6 @@ def test_what_cannot_work_is_refused_before_it_runs(radar: sigmax.records.Record
         "KF": "KF: KF is for linear models",
         "UKF:kappa=-9": "alpha²",
         "EKF:fixed=vnort": "unknown component 'vnort'; did you mean .*vnorth",
-        "EIF:fixed=vnorth": "information filter needs a prior",
     }.items():
         with pytest.raises(InputError, match=words):
             check(radar, (parse_trial(trial),))
