@@ -5,6 +5,7 @@ import json
 import re
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -107,6 +108,18 @@ def test_misses_that_last_are_told() -> None:
     found = scored((offset + rng.standard_normal(600)) ** 2 / 5)
     assert found.stretches > 0.2
     assert "one after another" in verdict([found])[1][0]
+
+
+@pytest.mark.parametrize("scale", [1e-3, 0.02, 0.1, 0.3, 0.7, 2.0, 10.0])
+def test_a_lasting_cause_is_named_only_where_misses_are_large(scale: float) -> None:
+    """Small misses that are correlated say that a filter is too cautious, and nothing else."""
+    rng = np.random.default_rng(3)
+    offset = np.repeat(rng.standard_normal(20) * 2, 30)
+    found = scored((offset + rng.standard_normal(600)) ** 2 / 5 * scale)
+    assert found.stretches > 0.2
+    sentence = verdict([found])[1][0]
+    assert ("something that lasts" in sentence) == (found.mean_nis > found.nis_bounds[1])
+    assert ("something that lasts" in sentence) == (scale > 1)
 
 
 def test_the_advice_is_the_best_of_those_that_can_be_believed() -> None:
@@ -268,6 +281,19 @@ def test_the_moving_nis_is_an_average_over_tracks_and_times(
     trace = next(t for t in figure["data"] if t["name"] == "EKF")
     assert trace["x"][0] == times[window - 1]
     assert trace["y"][0] == pytest.approx(nis[inside].sum() / dof[inside].sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-3, 0.01, 0.3, 1.0, 40.0, 1e8])
+def test_the_axis_of_the_nis_holds_all_of_it(scale: float, tracked: tuple[Record, list[Outcome], list[Score]]) -> None:
+    record, outcomes, _ = tracked
+    result = outcomes[0].result
+    outcome = dataclasses.replace(outcomes[0], result=SimpleNamespace(nis=result.nis * scale, dof=result.dof))
+    figure, _ = nis_figure(record, [(0, "EKF", outcome)])
+    axis = figure["layout"]["yaxis"]
+    low, high = (10**end for end in axis["range"])
+    for trace in figure["data"]:
+        assert all(low < y < high for y in trace["y"])
+    assert 3 <= sum(low < tick < high for tick in axis["tickvals"]) <= 20
 
 
 def test_ellipses_hold_two_standard_deviations(tracked: tuple[Record, list[Outcome], list[Score]]) -> None:

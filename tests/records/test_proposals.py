@@ -307,6 +307,58 @@ def test_any_order_of_rows_gives_the_same_tracks(seed: int, tmp_path: Path) -> N
     np.testing.assert_allclose(record.z["position"][order[0], 1:, 0], world()[world().id == 366999001].x[1:], atol=1e-3)
 
 
+# Without dates nothing tells of which day a second track is that comes after days of the first.
+CLOCKS = [
+    *(("%H:%M:%S", dt, order) for dt in (1.0, 60.0) for order in ("one track", "in turn", "one after another")),
+    *(("%H:%M:%S.%f", 0.75, order) for order in ("one track", "one after another")),
+    *(("%H:%M:%S", dt, order) for dt in (3600.0, 7200.0) for order in ("one track", "in turn")),
+]
+
+
+@pytest.mark.parametrize(("form", "dt", "tracks"), CLOCKS)
+def test_a_clock_without_a_date_goes_on_past_midnight(form: str, dt: float, tracks: str, tmp_path: Path) -> None:
+    """Rows keep their order, no time is lost, and it is said; the judge knows the date that the file leaves out."""
+    seconds = np.arange(60) * dt
+    w = pd.DataFrame({"s": seconds, "x": 3 * seconds, "y": -2 * seconds})
+    names = ("1",) if tracks == "one track" else ("7", "8")
+    parts = [w.assign(id=name, y=w.y + 1e4 * k) for k, name in enumerate(names)]
+    w = pd.concat(parts).reset_index(drop=True)
+    w = w.sort_values("s", kind="stable") if tracks == "in turn" else w
+    begin = datetime.datetime(2024, 5, 1, 23, 59, 30)
+    w["time"] = [(begin + datetime.timedelta(seconds=s)).strftime(form) for s in w.s]
+    record, remarks = described(written(tmp_path / "d.csv", w[["time", *(["id"] if len(names) > 1 else []), "x", "y"]]))
+    assert record.tracks == names
+    for k in range(len(names)):
+        np.testing.assert_allclose(record.time[k] - record.time[0, 0], seconds, atol=1e-6)
+        np.testing.assert_allclose(record.z["position"][k, 1:, 0], 3 * seconds[1:], atol=1e-6)
+    for said in (remarks, record.doubts):
+        assert any("has no date and passes midnight" in one for one in said)
+    assert not any("order" in one for one in remarks)
+
+
+def test_a_clock_that_falls_by_hours_is_not_sorted_and_a_late_row_is(tmp_path: Path) -> None:
+    rows = [f"{h:02d}:00:{s:02d},{s}.5,2.5" for h in (18, 8) for s in range(10)]
+    (tmp_path / "d.csv").write_text("\n".join(["time,x,y", *rows]))
+    toml, remarks = propose(tmp_path / "d.csv")
+    assert "sort" not in toml
+    assert any("may be out of order, or of another day" in one for one in remarks)
+    rows = [f"12:00:{s:02d},{s}.5,2.5" for s in (0, 1, 3, 2, 4, 5)]
+    (tmp_path / "d.csv").write_text("\n".join(["time,x,y", *rows]))
+    record, _ = described(tmp_path / "d.csv")
+    np.testing.assert_allclose(record.time[0], np.arange(6))
+    table = pd.DataFrame({"seconds": (86370 + np.arange(60.0)) % 86400, "x": np.arange(60.0), "y": 1.0})
+    toml, remarks = propose(written(tmp_path / "d.csv", table))
+    assert "sort" not in toml
+    assert any("counts from midnight" in one for one in remarks)
+
+
+def test_equal_times_throughout_are_a_doubt(tmp_path: Path) -> None:
+    table = pd.DataFrame({"time": 5.0, "x": np.arange(20.0), "y": np.arange(20.0) ** 2})
+    record, remarks = described(written(tmp_path / "d.csv", table))
+    assert any("No time passes from row to row" in one for one in remarks)
+    assert any("No time passes from row to row" in one for one in record.doubts)
+
+
 RADAR = """
 data = "d.csv"
 time = {time}
@@ -366,6 +418,7 @@ def test_what_looks_meant_otherwise_is_a_doubt_with_a_remedy(case: str | None, t
 def test_a_decimal_comma_is_named_and_the_remedy_works(tmp_path: Path) -> None:
     table = plane(world()).astype(str).apply(lambda c: c.str.replace(".", ","))
     written(tmp_path / "d.csv", table, sep=";")
+    assert any("decimal comma" in remark for remark in propose(tmp_path / "d.csv").remarks)
     (tmp_path / "d.toml").write_text(propose(tmp_path / "d.csv").toml.replace('decimal = ","\n', ""))
     with pytest.raises(InputError, match=r'has \'.*,\d\'.*write decimal = ","'):
         load(str(tmp_path / "d.toml"))

@@ -5,12 +5,13 @@ import re
 from collections.abc import Iterator
 
 import numpy as np
+import pandas as pd
 
 from sigmax.records.description import Description
 from sigmax.records.likely import LATEST, epoch_unit, likely_track, speeds
 from sigmax.records.model import Built
 from sigmax.records.sensor import first_position
-from sigmax.records.table import Table
+from sigmax.records.table import Table, clock_period
 from sigmax.records.units import ANGLE, TURN_RATE, quantity
 
 _SENTINELS = (-9999.0, -999.0, -99999.0, 9999.0, 99999.0, 999999.0, -32768.0, 32767.0)
@@ -23,6 +24,7 @@ def doubts(
     built: Built,
     table: Table,
     time: np.ndarray,
+    epoch: pd.Timestamp | None,
     names: tuple[str, ...],
     rows: list[np.ndarray],
     measured: dict[str, np.ndarray],
@@ -34,12 +36,15 @@ def doubts(
         built: its model.
         table: its data.
         time: of the rows, s.
+        epoch: the instant of time 0, None where times are numbers.
         names: of the tracks.
         rows: of each track.
         measured: by sensor (rows, m), in SI.
     """
     return (
         *_time(description, time),
+        *clock_doubts(description.time.column, description.time.format, time, epoch),
+        *standstill(description.time.column, time, rows),
         *_angles(description, built, table),
         *_sentinels(description, built, table),
         *_twice(description, time, names, rows, measured),
@@ -63,6 +68,31 @@ def _time(description: Description, time: np.ndarray) -> Iterator[str]:
         yield (
             f"The time {column.column!r} is read as seconds, up to {largest:.6g}; if it counts otherwise, write "
             f'time = {{ column = "{column.column}", unit = "{unit}" }}.'
+        )
+
+
+def clock_doubts(column: str, format: str, time: np.ndarray, epoch: pd.Timestamp | None) -> Iterator[str]:
+    """That times of day were read as those of several days."""
+    period = clock_period(format)
+    if not period or epoch is None:
+        return
+    first, last = (int(moment.timestamp() // period) for moment in (epoch, epoch + pd.Timedelta(seconds=time.max())))
+    if last > first:
+        after = {86400: "midnight", 43200: "12 o'clock", 3600: "the full hour", 60: "the full minute"}[period]
+        count = "" if last == first + 1 else f" {last - first} times"
+        yield (
+            f"The time {column!r} has no date and passes {after}{count}: one that falls by more than half a period "
+            "is read as of the next. If that is not meant, write dates."
+        )
+
+
+def standstill(column: str, time: np.ndarray, rows: list[np.ndarray]) -> Iterator[str]:
+    """That no time passes between the rows of any track."""
+    several = [r for r in rows if len(r) > 1]
+    if several and not any(np.ptp(time[r]) > 0 for r in several):
+        yield (
+            f"No time passes from row to row: {column!r} is the same in all rows of a track, so that nothing moves "
+            "between them; another column may be the time."
         )
 
 

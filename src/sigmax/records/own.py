@@ -88,7 +88,7 @@ def _record(path: Path, description: Description) -> Record:
         source=description.source or description.data,
         licence=description.licence,
         notes=(*silent, *notes),
-        doubts=doubts(description, built, table, time, names, rows, measured),
+        doubts=doubts(description, built, table, time, epoch, names, rows, measured),
         update_first=True,
     )
 

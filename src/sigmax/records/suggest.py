@@ -5,14 +5,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from sigmax.errors import InputError
+from sigmax.records.doubts import clock_doubts, standstill
 from sigmax.records.likely import labels_of, likely_track, speeds
 from sigmax.records.positions import geodetic, plane, polar, quoted
 from sigmax.records.read_table import read_table
 from sigmax.records.roles import TimeRole, has_numbers, time_of, track_of
-from sigmax.records.table import Table
+from sigmax.records.table import Table, clock_period
 from sigmax.records.units import TIME, to_si
+
+_DAY = 86400.0
 
 
 class Proposal(NamedTuple):
@@ -33,7 +37,7 @@ def propose(path: Path) -> Proposal:
     if len(names) < 3:
         raise InputError(f"{path.name} has the columns {', '.join(names)}; a time and two measured ones are the least")
     time = time_of(table)
-    clock, _ = table.times(time.column, time.format)
+    clock, epoch = table.times(time.column, time.format)
     clock = clock * to_si(time.unit, TIME, "time")
     track = track_of(table, (time.column,))
     seen = geodetic(table, clock, time, track) or polar(table, time, track) or plane(table, time, track)
@@ -49,9 +53,10 @@ def propose(path: Path) -> Proposal:
     if track is not None:
         labels = labels_of(table, track).to_numpy()
         rows = [np.flatnonzero(labels == label) for label in dict.fromkeys(labels)]
-    sort = any((np.diff(clock[r]) < 0).any() for r in rows)
-    if sort:
-        remarks.append("Rows are not in the order of time; sort = true puts them so.")
+    sort, unordered = _order(time, clock, epoch, rows)
+    remarks += [*clock_doubts(time.column, time.format, clock, epoch), *standstill(time.column, clock, rows), unordered]
+    if decimal == ",":
+        remarks.append('Numbers are read with a decimal comma: decimal = ",".')
     moved = speeds(seen.place, clock, [r[np.argsort(clock[r], kind="stable")] for r in rows])
     pace = _round(float(np.quantile(moved, 0.9))) if len(moved) else 10.0
     remarks.append("Noises and priors are guesses: correct them.")
@@ -89,6 +94,29 @@ def _table(path: Path) -> tuple[Table, str]:
     other = read_table(path, decimal=",")
     numbers = [sum(has_numbers(t, n) for n in t.names) for t in (table, other)]
     return (other, ",") if numbers[1] > numbers[0] else (table, ".")
+
+
+def _order(time: TimeRole, clock: np.ndarray, epoch: pd.Timestamp | None, rows: list[np.ndarray]) -> tuple[bool, str]:
+    """Whether rows are to be sorted by time, and what is said of it.
+
+    A time without a date that falls may be of the next day: only what is a little late is sorted.
+    """
+    fall = max((-np.diff(clock[r]).min(initial=0.0) for r in rows), default=0.0)
+    if fall <= 0:
+        return False, ""
+    period = clock_period(time.format)
+    passed = period and epoch is not None and any(clock_doubts(time.column, time.format, clock, epoch))
+    if period and (passed or fall > period / 24):
+        return False, (
+            f"The time {time.column!r} has no date and falls by {fall:.6g} s: rows may be out of order, or of another "
+            "day. Write dates, or sort = true if the rows are of one day."
+        )
+    if not period and fall > _DAY / 2 and clock.min() >= 0 and clock.max() <= _DAY + 1:
+        return False, (
+            f"The time {time.column!r} falls by {fall:.6g} s, as one that counts from midnight does on the next day; "
+            "let it count on, or write sort = true if rows are out of order."
+        )
+    return True, "Rows are not in the order of time; sort = true puts them so."
 
 
 def _time(time: TimeRole) -> str:

@@ -113,6 +113,7 @@ class Table:
         """A column as numbers as they stand and None; or of dates, as seconds since the first, and that.
 
         Dates without a zone are in UTC. They are written as ISO 8601 has it, or as `format` says (see strftime).
+        Times of day without a date count on: one that falls by more than half a day is of the next day.
 
         Raises:
             InputError: for what is neither, and for a row without time.
@@ -127,7 +128,9 @@ class Table:
             example = f"a date such as {pd.Timestamp(0).strftime(format)}" if format else _ISO
             self._refuse(name, moments.isna().to_numpy(bool), f"where a time belongs: {example}")
             nanoseconds = moments.to_numpy("datetime64[ns]").astype(np.int64)
-            return (nanoseconds - nanoseconds.min()) * 1e-9, moments.min()
+            if period := clock_period(format):
+                nanoseconds = _counting_on(nanoseconds, period * 10**9)
+            return (nanoseconds - nanoseconds.min()) * 1e-9, pd.Timestamp(int(nanoseconds.min()), tz="UTC")
         self._refuse(name, np.isnan(values), "where a time belongs; every row needs one")
         return values, None
 
@@ -159,3 +162,30 @@ class Table:
             if self.decimal == "." and isinstance(value, str) and _DECIMAL_COMMA.fullmatch(value.strip()):
                 why = f'{why}. If its comma is a decimal one, write decimal = "," at the top of the description'
             raise InputError(f"{self.path.name}, row {self.row(index)}: column {name!r} has {shown} {why}{more}")
+
+
+def clock_period(format: str) -> int:
+    """Seconds after which a time of this format comes again, as 86400 of a time of day; 0 where it has a date."""
+    if not format or re.search("%[-#]?[bBcdDeFgGhjmsxyY]", format):
+        return 0
+    has = set(re.findall("%[-#]?([A-Za-z])", format))
+    if has & {"H", "T", "R", "X", "r", "k"} or has >= {"I", "p"}:
+        return 86400
+    return 43200 if "I" in has else 3600 if "M" in has else 60
+
+
+def _counting_on(clock: np.ndarray, period: int) -> np.ndarray:
+    """Times of a clock that begins anew, as times that go on.
+
+    One that falls by more than half a period is of the next. One that rises by so much goes back to the period before,
+    as a late row and the beginning of another track do, unless that would be well before the first row.
+    """
+    steps = np.zeros(len(clock), np.int64)
+    lap = 0
+    for row in np.flatnonzero(np.abs(np.diff(clock)) > period // 2) + 1:
+        if clock[row] < clock[row - 1]:
+            steps[row] = 1
+        elif lap and clock[row] + (lap - 1) * period >= clock[0] - period // 4:
+            steps[row] = -1
+        lap += steps[row]
+    return clock + np.cumsum(steps) * period

@@ -216,7 +216,8 @@ def _of_single_misses(score: Score) -> list[str]:
         kurtosis = "" if score.kurtosis is None else f" (kurtosis {significant(score.kurtosis)}, of a Gaussian 3)"
         steps = f"{score.beyond:,} of {score.measurements:,} steps miss by more than 4 σ"
         said.append(f"{steps}{kurtosis}.")
-    if score.stretches is not None:
+    above = score.nis_bounds is not None and (score.mean_nis or 0.0) > score.nis_bounds[1]
+    if score.stretches is not None and above:
         said.append(
             f"Large misses come one after another (correlation {significant(score.stretches, 2)}): something that "
             "lasts is not in the model, such as an offset."

@@ -14,7 +14,7 @@ def nis_figure(record: Record, ran: Sequence[Shown]) -> tuple[Figure, int] | Non
     """NIS per measured component, averaged over a moving window, against its 95 % bounds; and the window's times."""
     data: list[Figure] = []
     bounds: Figure | None = None
-    window, largest = 1, 1.0
+    window, lowest, largest = 1, 1.0, 1.0
     for index, label, outcome in ran:
         result = result_of(outcome)
         heard = (result.dof > 0) & record.real
@@ -26,7 +26,7 @@ def nis_figure(record: Record, ran: Sequence[Shown]) -> tuple[Figure, int] | Non
         window = max(len(when) // 40, min(10, len(when)))
         sums = [_moving(v, window) for v in (nis, dof)]
         y, when = sums[0] / sums[1], when[window - 1 :]
-        largest = max(largest, float(y.max()))
+        lowest, largest = min(lowest, float(y[y > 0].min(initial=1.0))), max(largest, float(y.max()))
         at = thin(np.log(np.maximum(y, 1e-12)), limit(len(ran)))
         data.append(line(label, moments(record, when[at]), y[at], colour(index), width=1.6))
         if bounds is None:
@@ -40,13 +40,15 @@ def nis_figure(record: Record, ran: Sequence[Shown]) -> tuple[Figure, int] | Non
             expected["line"]["dash"] = "dot"
             expected["showlegend"] = False
             data.insert(0, expected)
-            lowest = float(edges[1].min())
+            lowest, largest = min(lowest, float(edges[1].min())), max(largest, float(edges[0].max()))
     if bounds is None:
         return None
-    ticks = [m * 10.0**e for e in range(-3, 7) for m in (1, 2, 5)]
+    ends = float(np.log10(max(lowest, 1e-12) / 1.4)), float(np.log10(max(largest, 2) * 1.4))
+    between = (1, 2, 5) if ends[1] - ends[0] < 4 else (1,)
+    ticks = [m * 10.0**e for e in range(int(np.floor(ends[0])), int(np.ceil(ends[1])) + 1) for m in between]
     axis = {
         "type": "log",
-        "range": [float(np.log10(lowest / 2)), float(np.log10(max(largest, 2) * 1.4))],
+        "range": list(ends),
         "tickvals": ticks,
         "ticktext": [f"{tick:g}" for tick in ticks],
     }
