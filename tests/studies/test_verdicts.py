@@ -1,11 +1,15 @@
 """A verdict is a promise: right at every number of runs, never turned into its opposite by more of them."""
 
+import io
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy.stats import binomtest
 
 import sigmax
+from sigmax.cli.compare import comparison_table
 from sigmax.reports.comparison import Word, page, standings, verdict
 from sigmax.reports.comparison.figures import curve_figures
 from sigmax.reports.comparison.judgement import Honesty, judged, loses
@@ -37,6 +41,10 @@ def claimed(rng, ratio, d, runs=2000, steps=20):
 
 
 def judgement(squares, runs):
+    return verdict_of(squares, runs).honesty
+
+
+def verdict_of(squares, runs):
     """Of the first runs, counted here by the table."""
     part = squares[:runs]
     d = part.shape[-1]
@@ -46,7 +54,7 @@ def judgement(squares, runs):
     )
     far = int((nees.mean(1) > 4 * d).sum())
     degrees = np.tile([d, *[1] * d], (part.shape[1], 1))
-    return judged(outside, far, runs, degrees).honesty
+    return judged(outside, far, runs, degrees)
 
 
 def settled(found):
@@ -85,6 +93,23 @@ def test_the_worse_a_filter_the_more_it_is_flagged(seed):
     # Long tails are no caution: most errors are small, some very large.
     tails = claimed(rng, 1.0, 1) * np.where(rng.random((2000, 1, 1)) < 0.08, 10.0, 0.2)
     assert settled([judgement(tails, runs) for runs in SIZES]) is not Honesty.CAUTIOUS
+
+
+def test_the_share_outside_is_one_quantity_whatever_the_verdict_rests_on():
+    """The average over time for the whole state or one component; runs far off are counted apart."""
+    rng = np.random.default_rng(8)
+    rested_on = set()
+    late = np.r_[np.ones(19), 6.0][:, None]
+    wild = np.where(rng.random((2000, 1, 1)) < 0.25, 30.0, 0.5)
+    for factor in (1.0, 0.1, 9.0, late, wild, np.array([1.0, 5.0])):
+        squares = claimed(rng, 1.0, 2) * factor
+        found = verdict_of(squares, 2000)
+        shares = [np.mean(squares.sum(-1) > TABLE[2][1]), *np.mean(squares > TABLE[1][1], axis=(0, 1))]
+        assert found.outside == pytest.approx(shares[found.worst])
+        assert found.outside >= 0.6 * max(shares)
+        assert found.far == np.mean(squares.sum(-1).mean(1) > 8)
+        rested_on.add("far" if found.facet is None else "step" if found.step is not None else "average")
+    assert rested_on == {"far", "step", "average"}
 
 
 def test_assertions_are_wrong_less_often_than_they_say():
@@ -150,8 +175,31 @@ def test_one_beacon_with_a_hundred_runs_flags_the_extended_filter():
     assert found["UKF"].word is Word.UNKNOWN
     assert 200 <= found["UKF"].needed <= 2000
     headline, sentences = verdict(c)
-    assert headline.startswith("100 runs are too few for a verdict: about ")
+    assert headline.startswith(f"100 runs are too few for a verdict: about {found['UKF'].needed:,} would tell")
     assert any("UKF: whether it can be believed is not known from 100 runs" in s for s in sentences)
+    # As many runs as it asks for are enough, and sooner known is only whom to avoid.
+    assert verdict(compare(study, ["EKF", "UKF"], runs=found["UKF"].needed, particles=0))[0].startswith("Take UKF")
+    early = compare(study, ["EKF", "UKF"], runs=20, particles=0)
+    found = {s.name: s for s in standings(early)}
+    assert found["EKF"].needed < found["UKF"].needed
+    assert found["EKF"].then is Word.OPTIMISTIC
+    assert f"(--runs {found['UKF'].needed})" in verdict(early)[0]
+
+
+@pytest.mark.parametrize("width", [24, 32, 40, 60, 72, 80, 100, 200])
+@pytest.mark.parametrize("name", ["EKF", "PF with quite a long name of its own"])
+def test_no_word_of_a_verdict_is_cut_in_any_terminal(width, name):
+    c = compare(scalar(), ["EKF"], runs=64)
+    (one,) = standings(c)
+    c = c._replace(sums={name: c.sums["EKF"]})
+    found = [one._replace(name=name, word=word, distance=1234.5, lost=64) for word in Word]
+    console = Console(width=width, file=io.StringIO())
+    console.print(comparison_table(c, found, width))
+    shown = console.file.getvalue()
+    for word in Word:
+        assert word.value in shown
+    assert "…" not in shown
+    assert name.split()[0] in shown
 
 
 def test_consistency_is_not_judged_where_it_cannot_be_asked():

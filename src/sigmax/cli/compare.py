@@ -4,9 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import joblib
+from rich.cells import cell_len
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from sigmax.cli.progress import progress_on
 from sigmax.errors import InputError
@@ -115,7 +117,38 @@ def _options(texts: Sequence[str]) -> dict[str, str]:
 
 def _print(console: Console, c: Comparison) -> None:
     found = standings(c)
+    console.print(comparison_table(c, found, console.width))
+    if any(s.outside is not None for s in found):
+        console.print(_OUTSIDE, style="dim", highlight=False)
+    headline, sentences = verdict(c)
+    console.print(f"\n[bold]{escape(headline)}[/bold]", highlight=False)
+    for sentence in sentences:
+        console.print(escape(sentence), highlight=False)
+
+
+_OUTSIDE = (
+    "outside 95%: how often the truth is outside of the claimed 95 % region, averaged over time, for the whole state "
+    "or the component where that is worst; 5 % is honest"
+)
+# What a narrow terminal has no room for, first to last; names are folded before that.
+_DISPENSABLE = ("cost/EKF", "median", "lost", "outside 95%", "RMSE")
+_NAME = 8
+
+
+def comparison_table(c: Comparison, found: Sequence[Standing], width: int) -> Table:
+    """The filters of a study with numbers and verdicts; what has no room in this width is left out and named."""
     to = "optimum" if c.optimum is not None else "best"
+    heads = ["RMSE", "median", "cost/EKF", "lost", "outside 95%", "verdict"]
+    cells = [dict(zip(heads, _cells(s, c), strict=True)) for s in found]
+    shown = {head: f"RMSE/{to}" if head == "RMSE" else head for head in heads}
+    room = width - min(_NAME, max(len(s.name) for s in found))
+    plain = [{h: Text.from_markup(text).plain for h, text in row.items()} for row in (shown, *cells)]
+    columns = {h: max(cell_len(row[h]) for row in plain) for h in heads}
+    left_out = []
+    for head in _DISPENSABLE:
+        if sum(columns.values()) + len(columns) > room:
+            left_out.append(shown[head])
+            del columns[head]
     table = Table(
         box=None,
         pad_edge=False,
@@ -124,19 +157,15 @@ def _print(console: Console, c: Comparison) -> None:
         title=escape(f"{c.study.title or c.study.name}, {c.runs:,} runs"),
         title_justify="left",
         title_style="bold",
+        caption=f"In a wider terminal, and on the page: {', '.join(left_out)}" if left_out else None,
+        caption_justify="left",
     )
-    # Sentences wrap before names do.
-    table.add_column("filter", overflow="fold", min_width=min(28, max(len(s.name) for s in found)))
-    for head in (f"RMSE/{to}", "median", "cost/EKF", "lost", "outside 95%"):
-        table.add_column(head, justify="right", no_wrap=True)
-    table.add_column("verdict")
-    for s in found:
-        table.add_row(escape(s.name), *_cells(s, c))
-    console.print(table)
-    headline, sentences = verdict(c)
-    console.print(f"\n[bold]{escape(headline)}[/bold]", highlight=False)
-    for sentence in sentences:
-        console.print(escape(sentence), highlight=False)
+    table.add_column("filter", overflow="fold")
+    for head in columns:
+        table.add_column(shown[head], justify="left" if head == "verdict" else "right", no_wrap=True)
+    for s, row in zip(found, cells, strict=True):
+        table.add_row(escape(s.name), *(row[head] for head in columns))
+    return table
 
 
 _COLOUR = {Word.SOUND: "green", Word.NOT_JUDGED: "default", Word.CAUTIOUS: "yellow", Word.UNKNOWN: "yellow"}

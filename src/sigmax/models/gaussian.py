@@ -15,7 +15,8 @@ class Gaussian:
 
     Args:
         mean: (n,), or (B, n) for a batch.
-        cov: covariance (n, n), or (B, n, n); a vector of n variances stands for a diagonal matrix.
+        cov: covariance (n, n), or (B, n, n) for a batch; n variances (n,) stand for a diagonal matrix, the same for
+            all tracks of a batch. Variances by track (B, n) are no covariance: a batch of its own needs (B, n, n).
             A variance of 0 means a component known exactly.
 
     Raises:

@@ -109,9 +109,15 @@ def _verdict(s: Standing, c: Comparison) -> dict[str, Any]:
         return about
     about |= {"lost": s.lost, "runs": int(c.sums[s.name].runs), "nees_of_the_middle_run": _number(s.typical)}
     if s.honest is not None:
-        step = s.honest.step
-        at = None if step is None else float(c.study.time[step])
-        about["outside_95"] = {"of": facet(s, c), "share": s.honest.share, "limit": s.honest.limit, "time": at}
+        h = s.honest
+        about["outside_95"] = {"of": facet(h.worst, c), "share": h.outside}
+        about["far_off"] = h.far
+        about["judged_by"] = {
+            "of": "runs far off" if h.facet is None else facet(h.facet, c),
+            "share": h.share,
+            "limit": h.limit,
+            "time": None if h.step is None else float(c.study.time[h.step]),
+        }
     return about
 
 

@@ -41,6 +41,9 @@ class Judged(NamedTuple):
         step: the step at which it is too optimistic, None where that is so on average over time.
         share: how often the truth is outside of the claimed 95 % region there; or the share of runs far off.
         limit: how often it may be.
+        worst: the facet for which the truth is outside most often on average, in comparison with how often it may be.
+        outside: how often that is.
+        far: share of runs far off.
     """
 
     honesty: Honesty
@@ -48,6 +51,9 @@ class Judged(NamedTuple):
     step: int | None
     share: float
     limit: float
+    worst: int
+    outside: float
+    far: float
 
 
 def judged(outside: np.ndarray, far: float, runs: float, degrees: np.ndarray) -> Judged:
@@ -74,17 +80,21 @@ def judged(outside: np.ndarray, far: float, runs: float, degrees: np.ndarray) ->
     seldom = np.where(claimed, outside_if(1 / CAUTIOUS, inner, degrees).mean(0), 0.0)
     share, share_at = outside[1].mean(0) / runs, outside[1] / runs
 
-    def about(honesty: Honesty, facet: int) -> Judged:
-        return Judged(honesty, facet, None, float(share[facet]), float(often[facet]))
-
     worst = int((share / often).argmax())
+
+    def because(honesty: Honesty, facet: int | None, step: int | None, seen: float, limit: float) -> Judged:
+        return Judged(honesty, facet, step, float(seen), float(limit), worst, float(share[worst]), far / runs)
+
+    def about(honesty: Honesty, facet: int) -> Judged:
+        return because(honesty, facet, None, share[facet], often[facet])
+
     if (low[1] > often).any():
         return about(Honesty.OPTIMISTIC, int(np.where(low[1] > often, share / often, -1.0).argmax()))
     if low_far > FAR_RUNS:
-        return Judged(Honesty.OPTIMISTIC, None, None, far / runs, FAR_RUNS)
+        return because(Honesty.OPTIMISTIC, None, None, far / runs, FAR_RUNS)
     if (low_at > once).any():
         step, facet = divmod(int(np.where(low_at > once, share_at / once, -1.0).argmax()), facets)
-        return Judged(Honesty.OPTIMISTIC, facet, step, float(share_at[step, facet]), float(once[step, facet]))
+        return because(Honesty.OPTIMISTIC, facet, step, share_at[step, facet], once[step, facet])
     if not ((high[1] <= often).all() and (high_at <= once).all() and high_far <= FAR_RUNS):
         return about(Honesty.UNKNOWN, worst)
     cautious = claimed & (high[0] < seldom) & (high[1] < SELDOM)

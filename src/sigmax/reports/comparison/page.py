@@ -74,12 +74,12 @@ def _named(c: Comparison, name: str) -> str:
 
 def _table(c: Comparison, found: Sequence[Standing]) -> str:
     to = "optimum" if c.optimum is not None else "best"
-    heads = ["filter", f"RMSE / {to}", f"median / {to}", "cost / EKF", "lost", "outside 95 %", "verdict"]
+    heads = ["filter", f"RMSE / {to}", f"median / {to}", "cost / EKF", "lost", "far off", "outside 95 %", "verdict"]
     rows = []
     for s in found:
         word = f'<span class="{_CLASS.get(s.word, "bad")}">{s.word.value}</span>'
         if s.failure:
-            rows.append([_named(c, s.name), *["–"] * 5, word])
+            rows.append([_named(c, s.name), *["–"] * 6, word])
             continue
         lost = f"{s.lost:,} of {int(c.sums[s.name].runs):,}"
         rows.append(
@@ -89,6 +89,7 @@ def _table(c: Comparison, found: Sequence[Standing]) -> str:
                 times(s.middle),
                 "–" if s.cost is None else significant(s.cost),
                 f'<span class="bad">{lost}</span>' if s.word is Word.LOSSY else lost,
+                "–" if s.honest is None else f"{s.honest.far:.0%}",
                 _outside(c, s),
                 word,
             ]
@@ -99,11 +100,10 @@ def _table(c: Comparison, found: Sequence[Standing]) -> str:
 
 
 def _outside(c: Comparison, s: Standing) -> str:
-    """How often the truth is outside of the claimed 95 % region, where it is worst in comparison with what may be."""
+    """How often the truth is outside of the claimed 95 % region, where that is worst, on average over time."""
     if s.honest is None or s.outside is None:
         return "–"
-    when = "" if s.honest.step is None else f" at {significant(float(c.study.time[s.honest.step]))} s"
-    return f'<span>{s.outside:.0%}<span class="small">{escape(facet(s, c) + when)}</span></span>'
+    return f'<span>{s.outside:.0%}<span class="small">{escape(facet(s.honest.worst, c))}</span></span>'
 
 
 def _trade(found: Sequence[Standing], mark: str) -> str:

@@ -50,10 +50,11 @@ class Standing(NamedTuple):
         lossy: whether those are too many, None where that is not known.
         honest: what is known of its errors, None where that is not asked.
         needed: how many runs would tell, where the verdict is not known; None where no reasonable number would.
+        then: what they would tell if they gave the same shares.
         cost: relative to the EKF, None where it was not measured.
         typical: NEES per degree of freedom of the run in the middle.
-        outside: share of cases with the truth outside of the claimed 95 % region where that is worst, None where it is
-            not asked, or says nothing because most runs are lost.
+        outside: how often the truth is outside of the claimed 95 % region, of the state as a whole or of the component
+            for which that is worst; None where it is not asked, or says nothing because most runs are lost.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Standing(NamedTuple):
     lossy: bool | None = False
     honest: Judged | None = None
     needed: int | None = None
+    then: Word | None = None
     cost: float | None = None
     typical: float = float("nan")
     outside: float | None = None
@@ -87,6 +89,7 @@ def standings(c: Comparison) -> list[Standing]:
             None if c.study.unasked else judged(c.sums[name].outside, float(c.sums[name].far), runs, _degrees(c, name))
         )
         word = _word(lossy[k], honest)
+        needed, then = _needed(c, k, lost, runs) if word is Word.UNKNOWN else (None, None)
         found.append(
             Standing(
                 name,
@@ -96,30 +99,31 @@ def standings(c: Comparison) -> list[Standing]:
                 lost=int(lost[k]),
                 lossy=lossy[k],
                 honest=honest,
-                needed=_needed(c, k, lost, runs) if word is Word.UNKNOWN else None,
+                needed=needed,
+                then=then,
                 cost=float(c.costs[name].relative[2]) if name in c.costs else None,
                 typical=c.measures[name].typical,
-                outside=None if honest is None or 2 * lost[k] > runs else honest.share,
+                outside=None if honest is None or 2 * lost[k] > runs else honest.outside,
             )
         )
     return found
 
 
-def _needed(c: Comparison, k: int, lost: np.ndarray, runs: int) -> int | None:
-    """How many runs would tell of the k-th filter, if they gave the same shares; None if more than is reasonable."""
+def _needed(c: Comparison, k: int, lost: np.ndarray, runs: int) -> tuple[int | None, Word | None]:
+    """How many runs would tell of the k-th filter, and what, at the same shares; None beyond what is usual."""
     name = list(c.measures)[k]
     outside, far, degrees = c.sums[name].outside, float(c.sums[name].far), _degrees(c, name)
     # A share at one step is known less well than that over all of them.
     calm = (outside + _CALM * outside.mean(1, keepdims=True) / runs) / (runs + _CALM)
 
-    def tells(count: float) -> bool:
+    def word(count: float) -> Word:
         lossy = loses(lost * count / runs, count)[k]
         honest = None if c.study.unasked else judged(calm * count, far * count / runs, count, degrees)
-        return _word(lossy, honest) is not Word.UNKNOWN
+        return _word(lossy, honest)
 
     asked = [n for n in _ROUND_NUMBERS if n > runs]
-    first = bisect_left(asked, True, key=lambda n: tells(n / _SPARE))
-    return asked[first] if first < len(asked) else None
+    first = bisect_left(asked, True, key=lambda n: word(n / _SPARE) is not Word.UNKNOWN)
+    return (asked[first], word(asked[first] / _SPARE)) if first < len(asked) else (None, None)
 
 
 def _degrees(c: Comparison, name: str) -> np.ndarray:

@@ -36,7 +36,8 @@ RULES = (
     "measurement would be.",
     "Whether a filter can be believed is asked by counting the runs in which the truth is outside of the region that "
     "the filter claims to hold it with 95 %: of the whole state (its NEES, by the chi-square law) and of each "
-    "component. An honest filter is outside in 5 %. A run counts once, however far off it is.",
+    "component. An honest filter is outside in 5 %. A run counts once, however far off it is. The table has it "
+    "averaged over time, for the whole state or the component where it is worst.",
     "A filter is too optimistic if the truth is outside as often as if the real variances were over "
     f"{OPTIMISTIC:g} times the claimed ones on average over time, or over {AT_ONCE:g} times at some step; or if more "
     f"than {FAR_RUNS:.0%} of the runs are far off: with a NEES, on average over the run, of over {FAR_OFF:g} times "
@@ -90,12 +91,21 @@ def _nothing_to_take(found: Sequence[Standing], c: Comparison) -> str:
     if not open_ones:
         return f"None of these filters can be trusted here; the errors of {best.name} are the smallest{far}."
     runs = int(next(iter(c.sums.values())).runs)
-    needed = [s.needed for s in open_ones if s.needed is not None]
-    ask = f": about {min(needed):,} would tell (--runs {min(needed)})" if needed else ""
     return (
-        f"{runs:,} runs are too few for a verdict{ask}. So far the errors of {best.name} are the smallest of those "
-        f"that may be sound{far}."
+        f"{runs:,} runs are too few for a verdict{_ask(open_ones)}. So far the errors of {best.name} are the smallest "
+        f"of those that may be sound{far}."
     )
+
+
+def _ask(open_ones: Sequence[Standing]) -> str:
+    """How many runs would give an advice, or would tell that there is none."""
+    usable = [s.needed for s in open_ones if s.needed is not None and s.then is not None and s.then.usable]
+    if usable:
+        return f": about {min(usable):,} would tell (--runs {min(usable)})"
+    needed = [s.needed for s in open_ones if s.needed is not None]
+    if len(needed) < len(open_ones):
+        return ""
+    return f": about {max(needed):,} would tell, but at these shares no filter turns out sound (--runs {max(needed)})"
 
 
 def _reference(c: Comparison) -> str:
@@ -158,28 +168,26 @@ def _of_one(s: Standing, c: Comparison) -> str:
         reasons.append(_too_optimistic(s, s.honest, c))
     if reasons:
         return f"Avoid {s.name}: {' and '.join(reasons)}."
+    assert s.honest is not None
     return (
-        f"{s.name} is too cautious: its errors in {facet(s, c)} are smaller than it claims, in variance by more than "
-        f"a factor of {CAUTIOUS:g}. Lower Q or R where they are guesses, or take another rule."
+        f"{s.name} is too cautious: its errors in {facet(s.honest.facet or 0, c)} are smaller than it claims, in "
+        f"variance by more than a factor of {CAUTIOUS:g}. Lower Q or R where they are guesses, or take another rule."
     )
 
 
 def _too_optimistic(s: Standing, honest: Judged, c: Comparison) -> str:
     if honest.facet is None:
-        return f"the NEES of {honest.share:.0%} of the runs is over {FAR_OFF:g} times what is expected"
+        return f"{honest.share:.0%} of its runs are far off: with a NEES of over {FAR_OFF:g} times what is expected"
     when = "" if honest.step is None else f" at {significant(float(c.study.time[honest.step]))} s"
     return (
-        f"the truth is outside of the 95 % region that it claims for {facet(s, c)} in {honest.share:.0%} of the "
-        f"cases{when}"
+        f"the truth is outside of the 95 % region that it claims for {facet(honest.facet, c)} in {honest.share:.0%} "
+        f"of the cases{when}"
     )
 
 
-def facet(s: Standing, c: Comparison) -> str:
-    """What the judgement of a filter's errors is about."""
-    assert s.honest is not None
-    k, names = s.honest.facet, [str(name) for name in c.study.model.state]
-    if k is None:
-        return "runs far off"
+def facet(k: int, c: Comparison) -> str:
+    """The whole state for 0, the k-th component for k."""
+    names = [str(name) for name in c.study.model.state]
     return names[0] if len(names) == 1 else names[k - 1] if k else "the whole state"
 
 
