@@ -4,6 +4,7 @@ import datetime
 import gzip
 import itertools
 import math
+import re
 import tomllib
 from collections.abc import Callable
 from decimal import Decimal
@@ -278,6 +279,30 @@ def test_what_the_automatic_identification_system_sends_for_nothing_is_missing(t
     assert np.isnan(record.z["velocity"]).sum() == 6
 
 
+@pytest.mark.parametrize("degrees", [0.0, 3.0, 5.2, 90.0, 359.0])
+@pytest.mark.parametrize("unit", ["deg", "rad"])
+@pytest.mark.parametrize("speed", ["SOG", "speed_kmh"])
+def test_units_are_those_of_the_names_unless_positions_contradict(
+    degrees: float, unit: str, speed: str, tmp_path: Path
+) -> None:
+    """A course that never exceeds 2π is in degrees all the same; one in radians is found, and said to be a doubt."""
+    t, a, pace = np.arange(30) * 10.0, np.radians(degrees + np.linspace(-0.3, 0.3, 30)) % (2 * math.pi), 7.0
+    a = a if degrees else np.zeros(30)
+    meridian, across = radii(math.radians(HOME[0]))
+    north, east = (np.concatenate([[0], np.cumsum(pace * 10 * f(a[:-1]))]) for f in (np.cos, np.sin))
+    table = pd.DataFrame({"MMSI": 366999001, "BaseDateTime": at(pd.DataFrame({"t": t}), "%Y-%m-%dT%H:%M:%S"),
+                          "LAT": HOME[0] + np.degrees(north / meridian),
+                          "LON": HOME[1] + np.degrees(east / across / math.cos(math.radians(HOME[0]))),
+                          speed: pace / SPEEDS[speed], "COG": np.degrees(a) if unit == "deg" else a})  # fmt: skip
+    record, remarks = described(written(tmp_path / "ais.csv", table))
+    velocity = pace * np.column_stack([np.sin(a), np.cos(a)])
+    np.testing.assert_allclose(record.z["velocity"][0], velocity, atol=0.05)
+    said = " ".join(remarks)
+    told = "'COG' in deg" if unit == "deg" or degrees == 0 else "'COG' in rad"
+    assert told in said
+    assert ("positions change as if it were in rad" in said) == ("in rad" in told)
+
+
 def test_two_ships_are_never_merged_silently(tmp_path: Path) -> None:
     """Their column is found by its name, or because paths hang together so; without any column it is a doubt."""
     table = plane(world())
@@ -430,7 +455,22 @@ def test_a_decimal_comma_is_named_and_the_remedy_works(tmp_path: Path) -> None:
         load(str(tmp_path / "d.toml"))
 
 
+GROUPED = ("1.234,5", "1,234.5", "1.234.567", "1,234,567", "12.345.678,25", "1'234.5", "1 234,5", "-1.234,5")
+
+
+@pytest.mark.parametrize("text", GROUPED)
+def test_a_sign_between_thousands_is_named(text: str, tmp_path: Path) -> None:
+    (tmp_path / "d.csv").write_text("time;x;y\n" + "\n".join(f"{k};{text};{text}" for k in range(4)))
+    with pytest.raises(InputError, match=f"{text!r}.*no sign may stand between thousands") as refused:
+        propose(tmp_path / "d.csv")
+    assert ("decimal comma" in str(refused.value)) == (text[-2] == "," or text[-3] == ",")
+    plain = re.search("write (.*) for it", str(refused.value))[1].replace(",", ".")
+    assert float(plain) in (1234.5, 1234567.0, 12345678.25, -1234.5)
+
+
 REFUSED = {
+    "one distance": (b"time,range\n1,2\n2,3\n", "a time and two"),
+    "one distance and a name": (b"time,anchor,range\n1,a,2\n2,b,3\n", "'range' looks like a distance to a beacon"),
     "nothing": (b"", "is empty"),
     "a header alone": (b"time,x,y\r\n", "no rows of data"),
     "no header": (b"1,2,3\n2,3,4\n", "needs a header line"),

@@ -8,16 +8,15 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.records.description import Column, LocalPart
-from sigmax.records.likely import labels_of
 from sigmax.records.local import FARTHEST, POSITION, VELOCITY, distance, origin_of, with_local
 from sigmax.records.roles import TimeRole, base_and_unit, has_numbers, named
-from sigmax.records.table import Table
-from sigmax.records.units import ANGLE, LENGTH, SPEED, Dimension, parse_unit, to_si
+from sigmax.records.speed_and_course import speed_and_course
+from sigmax.records.table import Table, grouped_hint, is_grouped
+from sigmax.records.units import ANGLE, LENGTH, is_unit_of, to_si
 
 # What the Automatic Identification System sends where it does not know: ITU-R M.1371, table 48.
 _UNKNOWN = {"latitude": 91.0, "longitude": 181.0, "speed": 102.3, "course": 360.0}
 _BEACONS = r"(range|rng|dist(ance)?|d|r|tof|anchor|beacon|uwb)_?[a-z]?\d+(_(range|dist(ance)?))?|range|dist(ance)?"
-_SPEEDS = ("kn", "m/s", "km/h", "mph")
 
 
 class Seen(NamedTuple):
@@ -45,7 +44,7 @@ def geodetic(table: Table, clock: np.ndarray, time: TimeRole, track: str | None)
     part, remarks = _local(table, lat, lon)
     place = with_local(table, part).columns[list(POSITION)].to_numpy(float)
     used = [lat.column, lon.column]
-    velocity, said = _velocity(table, clock, part, place, track, (*taken, *used))
+    velocity, said = speed_and_course(table, clock, part, place, track, (*taken, *used))
     sensors = _position("report", ("east", "north"), tuple(map(quoted, POSITION)), "10 m")
     if velocity is not None:
         part = part.model_copy(update=dict(zip(("speed", "course"), velocity, strict=True)))
@@ -109,51 +108,6 @@ def _degrees(table: Table, name: str, role: str) -> Column:
     )
 
 
-def _velocity(
-    table: Table, clock: np.ndarray, part: LocalPart, place: np.ndarray, track: str | None, but: tuple[str | None, ...]
-) -> tuple[tuple[Column, Column] | None, str]:
-    """Columns of speed and course that agree with how positions change, and what is said of them."""
-    found = named(table, "speed", but), named(table, "course", but)
-    if not found[0] or not found[1]:
-        return None, ""
-    for course in found[1]:
-        values = table.numbers(course)
-        angle = Column(column=course, unit="deg" if np.nanmax(np.abs(values)) > 6.4 else "rad",
-                       missing=[360.0] if (values == 360).any() else [])  # fmt: skip
-        for speed in found[0]:
-            numbers = table.numbers(speed)
-            unknown = [102.3] if np.isclose(numbers, 102.3, atol=1e-9, rtol=0).any() else []
-            told = base_and_unit(speed)[1]
-            for unit in [told] if _is(told, SPEED) else _SPEEDS:
-                one = Column(column=speed, unit=unit, missing=unknown)
-                whole = with_local(table, part.model_copy(update={"speed": one, "course": angle}))
-                said = whole.columns[list(VELOCITY)].to_numpy(float)
-                if _agrees(said, place, clock, labels_of(table, track).to_numpy() if track else None):
-                    return (
-                        one,
-                        angle,
-                    ), f"{speed!r} in {unit} and {course!r} in {angle.unit} are taken for the velocity."
-    return None, f"{found[0][0]!r} and {found[1][0]!r} do not fit how positions change, and are not used."
-
-
-def _agrees(velocity: np.ndarray, place: np.ndarray, clock: np.ndarray, labels: np.ndarray | None) -> bool:
-    """Whether velocities (T, 2) are those of the positions from row to row, in size and direction."""
-    codes = np.zeros(len(clock), int) if labels is None else np.unique(labels.astype(str), return_inverse=True)[1]
-    order = np.lexsort((clock, codes))
-    order = order[~np.isnan(place[order]).any(1) & ~np.isnan(velocity[order]).any(1)]
-    elapsed = np.diff(clock[order])
-    good = (np.diff(codes[order]) == 0) & (elapsed > 0)
-    if good.sum() < 2:
-        return False
-    moved = np.diff(place[order], axis=0)[good] / elapsed[good, None]
-    said = (velocity[order][1:] + velocity[order][:-1])[good] / 2
-    fast = np.linalg.norm(said, axis=1) > 0.5
-    if fast.sum() < 2:
-        return False
-    along = (moved * said)[fast].sum(1) / (said[fast] ** 2).sum(1)
-    return bool(0.85 < np.median(along) < 1.18)
-
-
 def polar(table: Table, time: TimeRole, track: str | None) -> Seen | None:
     """Range and azimuth of a radar; None where there are none."""
     ranges, azimuths = (named(table, role, (time.column, track)) for role in ("range", "azimuth"))
@@ -161,9 +115,9 @@ def polar(table: Table, time: TimeRole, track: str | None) -> Seen | None:
         return None
     reach, angle = ranges[0], azimuths[0]
     told = base_and_unit(reach)[1], base_and_unit(angle)[1]
-    length = told[0] if _is(told[0], LENGTH) else "m"
+    length = told[0] if is_unit_of(told[0], LENGTH) else "m"
     values = table.numbers(angle)
-    turn = told[1] if _is(told[1], ANGLE) else "deg" if np.nanmax(np.abs(values)) > 6.4 else "rad"
+    turn = told[1] if is_unit_of(told[1], ANGLE) else "deg" if np.nanmax(np.abs(values)) > 6.4 else "rad"
     r, a = table.numbers(reach) * to_si(length, LENGTH, reach), values * to_si(turn, ANGLE, angle)
     columns = (
         f"range = {_column(Column(column=reach, unit=length))}, azimuth = {_column(Column(column=angle, unit=turn))}"
@@ -176,6 +130,8 @@ def polar(table: Table, time: TimeRole, track: str | None) -> Seen | None:
         f"{reach!r} in {length} and {angle!r} in {turn} are taken for range and azimuth, clockwise from north, of a "
         "radar at the origin."
     )
+    if not is_unit_of(told[1], ANGLE) and turn == "rad":
+        remark += f" {angle!r} never exceeds 2π, but may be in degrees all the same: see to its unit."
     place = np.column_stack([r * np.cos(a), r * np.sin(a)])
     return Seen(tables, ("north", "east"), place, (remark,), (reach, angle), "radar")
 
@@ -196,24 +152,35 @@ def plane(table: Table, time: TimeRole, track: str | None) -> Seen:
         ranges = [n for n in rest if re.fullmatch(_BEACONS, base_and_unit(n)[0])]
         if ranges:
             columns = f"columns = {{ range = {quoted(ranges[0])} }}"
+            what = "looks like a distance to a beacon" if len(ranges) == 1 else "look like distances to beacons"
             raise InputError(
-                f"{table.path.name}: {', '.join(map(repr, ranges))} look like distances to beacons. Where these stand "
-                "is not in the table, so that there is no proposal; describe each as a sensor: [sensors.first] "
+                f"{table.path.name}: {', '.join(map(repr, ranges))} {what}. Where these stand is not in the table, so "
+                "that there is no proposal; describe each as a sensor: [sensors.first] "
                 f'kind = "range_only", origin = ["1 m", "2 m"], {columns}, noise = {{ range = "30 cm" }}'
             )
         if len(rest) < 2:
             raise InputError(
                 f"{table.path.name}: beside the time {time.column!r} two columns of numbers are the least; it has "
-                f"{', '.join(rest) or 'none'}"
+                f"{', '.join(rest) or 'none'}{_thousands(table, taken)}"
             )
         x, y = rest[:2]
         remark = f"No columns are called x and y: {x!r} and {y!r} are taken for a position. See to it."
     told = [base_and_unit(name)[1] for name in (x, y)]
-    units = [unit if _is(unit, LENGTH) else "m" for unit in told]
+    units = [unit if is_unit_of(unit, LENGTH) else "m" for unit in told]
     place = np.column_stack([table.numbers(n) * to_si(u, LENGTH, n) for n, u in zip((x, y), units, strict=True)])
     shown = tuple(_column(Column(column=n, unit=u)) for n, u in zip((x, y), units, strict=True))
     words = remark or f"{x!r} and {y!r} are taken for a position in {units[0]}."
     return Seen(_position("position", ("x", "y"), shown, "1 m"), ("x", "y"), place, (words,), (x, y), "position")
+
+
+def _thousands(table: Table, but: tuple[str | None, ...]) -> str:
+    """A hint at numbers with a sign between thousands, quoted, as no number has one here."""
+    for name in table.names:
+        text = table.column(name).astype("string").str.strip() if name not in but else None
+        found = None if text is None else next((v for v in text.dropna() if is_grouped(v)), None)
+        if found is not None:
+            return f"; {name!r} has {found!r}{grouped_hint(found)}"
+    return ""
 
 
 def _position(name: str, axes: tuple[str, str], columns: tuple[str, ...], noise: str) -> str:
@@ -222,10 +189,6 @@ def _position(name: str, axes: tuple[str, str], columns: tuple[str, ...], noise:
         f'[sensors.{name}]\nkind = "position"\ncolumns = {{ {x} = {columns[0]}, {y} = {columns[1]} }}\n'
         f'noise = {{ {x} = "{noise}", {y} = "{noise}" }}\n'
     )
-
-
-def _is(unit: str, dimension: Dimension) -> bool:
-    return bool(unit) and parse_unit(unit, "unit")[1] == dimension
 
 
 def _column(column: Column) -> str:

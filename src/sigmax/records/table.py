@@ -13,6 +13,7 @@ from sigmax.errors import InputError, unknown
 
 _EMPTY = {"", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "nat", "null", "none", "-", "--"}
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_GROUPED = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|(,\d{3})+\.\d*|(\.\d{3}){2,}|(,\d{3}){2,}|([' ]\d{3})+[.,]?\d*)")
 _ISO = "seconds, or a timestamp such as 2024-05-01T12:00:00.5Z"
 
 
@@ -161,7 +162,29 @@ class Table:
             shown = "nothing" if empty else repr(value)
             if self.decimal == "." and isinstance(value, str) and _DECIMAL_COMMA.fullmatch(value.strip()):
                 why = f'{why}. If its comma is a decimal one, write decimal = "," at the top of the description'
+            if isinstance(value, str) and is_grouped(value.strip()):
+                why += grouped_hint(value.strip())
             raise InputError(f"{self.path.name}, row {self.row(index)}: column {name!r} has {shown} {why}{more}")
+
+
+def is_grouped(text: str) -> bool:
+    """Whether a text is a number with a sign between its thousands, such as 1.234,5 or 1,234.5."""
+    return _GROUPED.fullmatch(text) is not None
+
+
+def grouped_hint(text: str) -> str:
+    """What to do about it."""
+    comma = "," in text and text.rfind(",") > text.rfind(".") and text.count(",") == 1
+    more = ', and the decimal comma is said by decimal = ","' if comma else ""
+    return f": no sign may stand between thousands{more}; write {_plain(text)} for it"
+
+
+def _plain(text: str) -> str:
+    decimal = max(text.rfind("."), text.rfind(","))
+    if decimal >= 0 and text.count(text[decimal]) > 1:
+        decimal = -1
+    keep = [c for k, c in enumerate(text) if c.isdigit() or c in "+-" or k == decimal]
+    return "".join(keep)
 
 
 def clock_period(format: str) -> int:

@@ -110,6 +110,11 @@ def parse_unit(text: str, where: str) -> tuple[float, Dimension]:
     return factor, Dimension(*powers)
 
 
+def is_unit_of(unit: str, dimension: Dimension) -> bool:
+    """Whether a unit, if there is one, is of this dimension."""
+    return bool(unit) and parse_unit(unit, "unit")[1] == dimension
+
+
 def to_si(unit: str, dimension: Dimension, where: str) -> float:
     """The factor that brings numbers in `unit` to SI; no unit means SI already.
 
