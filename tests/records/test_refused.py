@@ -216,3 +216,28 @@ def test_tracks_of_very_different_length_are_refused(tmp_path: Path, monkeypatch
     monkeypatch.setattr("sigmax.records.own._PADDING", 1)
     with pytest.raises(InputError, match="put the long tracks into a file of their own"):
         load(str(write_radar(tmp_path)))
+
+
+@pytest.mark.parametrize(("how", "works"), [("dataclass", False), ("dataclass(eq=False)", True)])
+def test_an_object_that_cannot_be_hashed_is_refused_with_its_place_and_a_remedy(
+    how: str, works: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(
+        "import jax.numpy as jnp\nfrom dataclasses import dataclass\n\n"
+        f"@{how}\nclass Straight:\n    rate: float = 1.0\n\n"
+        "    def __call__(self, x, dt):\n        return jnp.stack([x[0] + self.rate * dt * x[1], x[1]])\n\n"
+        "motion = Straight()\n"
+    )
+    (tmp_path / "d.csv").write_text("t,x\n0,1\n1,2\n")
+    (tmp_path / "d.toml").write_text(
+        'data = "d.csv"\ntime = "t"\n[motion]\nkind = "mine.py:motion"\nstate = { x = "m", v = "m/s" }\n'
+        "noise = [[0.1, 0.0], [0.0, 0.1]]\n"
+        '[sensors.seen]\nkind = "position"\nat = ["x"]\ncolumns = { x = "x" }\nnoise = { x = 1 }\n'
+        "[prior]\nx = { mean = 0, std = 10 }\nv = { mean = 0, std = 10 }\n"
+    )
+    record = load(str(tmp_path / "d.toml"))
+    if works:
+        check(record, (parse_trial("EKF"),))
+        return
+    with pytest.raises(InputError, match=r"'Straight' \(mine.py, line 8\), which cannot be hashed.*eq=False"):
+        check(record, (parse_trial("EKF"),))

@@ -1,12 +1,12 @@
 """Running a trial on a record."""
 
 import time
-import traceback
 from dataclasses import dataclass
 
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.native.refusal import user_line
 from sigmax.records.record import Record, Trial
 from sigmax.rules import SigmaPoints
 from sigmax.running.edge import prepare
@@ -57,9 +57,9 @@ def check(record: Record, trials: tuple[Trial, ...]) -> None:
             raise InputError(f"{trial.name}: {error}") from error
         except Exception as error:
             # A function of the user's file may fail in any way.
-            frame = traceback.extract_tb(error.__traceback__)[-1]
+            where = user_line(error)
             raise InputError(
-                f"{trial.name}: {type(error).__name__}: {error} (in {frame.filename}, line {frame.lineno})"
+                f"{trial.name}: {type(error).__name__}: {error}{f' ({where})' if where else ''}"
             ) from error
 
 
