@@ -1,6 +1,7 @@
 """Noises of motions and sensors as the engine keeps them."""
 
 import inspect
+import types
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,10 +19,19 @@ OF_MOTION = (1, 2, 3)
 OF_SENSOR = (1, 2)
 
 
+def signature(function: Callable[..., Any]) -> inspect.Signature:
+    """Of a function or of an object that can be called, which is never compared with anything."""
+    call = type(function).__call__
+    says_itself = hasattr(function, "__wrapped__") or hasattr(function, "__signature__")
+    if isinstance(call, types.FunctionType) and not says_itself:
+        return inspect.signature(types.MethodType(call, function))
+    return inspect.signature(function)
+
+
 def takes(function: Callable[..., Any], what: str, allowed: tuple[int, ...]) -> int:
     """How many of the `allowed` numbers of positional arguments a user's function takes."""
     try:
-        parameters = inspect.signature(function).parameters.values()
+        parameters = signature(function).parameters.values()
     except (TypeError, ValueError):
         return allowed[0]
     positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]

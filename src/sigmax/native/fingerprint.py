@@ -8,6 +8,7 @@ anything mutable it does not know) has no fingerprint, and the function is trace
 import builtins
 import collections
 import dataclasses
+import dis
 import functools
 import hashlib
 import sys
@@ -34,7 +35,7 @@ _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis))
 _COLLECTIONS = (tuple, list, dict, frozenset, types.MappingProxyType, collections.OrderedDict)
 # Attributes that functools.wraps copies, of which nothing is computed.
 # And how a ready-made part was made, and which it has made so far.
-_FOR_READERS = ("__annotations__", "__doc__", "__type_params__", "_made_by", "_parts_made")
+FOR_READERS = ("__annotations__", "__doc__", "__type_params__", "_made_by", "_parts_made")
 # What changes how JAX traces.
 _SETTINGS = ("enable_x64", "numpy_dtype_promotion", "default_dtype_bits", "default_matmul_precision")
 
@@ -175,7 +176,7 @@ def _of_object(thing: Any, seen: Seen) -> Iterator[bytes]:
     if dataclasses.is_dataclass(thing) and not hasattr(thing, "__dict__"):
         yield from _parts({f.name: getattr(thing, f.name) for f in dataclasses.fields(thing)}, seen)
     elif hasattr(thing, "__dict__"):
-        yield from _parts({k: v for k, v in vars(thing).items() if k not in _FOR_READERS}, seen)
+        yield from _parts({k: v for k, v in vars(thing).items() if k not in FOR_READERS}, seen)
         if isinstance(thing, functools.partial):
             yield from _parts((thing.func, thing.args, thing.keywords), seen)
     elif not isinstance(thing, str | float | int):
@@ -192,9 +193,9 @@ def _of_function(function: types.FunctionType, seen: Seen) -> Iterator[bytes]:
     if is_stable(function):
         yield from _replaced(found, seen)
         return
-    if named & _LOOKS_ABROAD:
+    if named & _LOOKS_ABROAD or not all(is_stable(sys.modules.get(name)) for name in _imports(function.__code__)):
         raise _Opaque
-    yield from _parts({k: v for k, v in vars(function).items() if k not in ("__wrapped__", *_FOR_READERS)}, seen)
+    yield from _parts({k: v for k, v in vars(function).items() if k not in ("__wrapped__", *FOR_READERS)}, seen)
     for name in sorted(named):
         yield name.encode()
         if name in found:
@@ -237,6 +238,12 @@ def _of_code(code: types.CodeType, seen: Seen) -> Iterator[bytes]:
     yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars, counts)).encode()
     for constant in code.co_consts:
         yield from _parts(constant, seen)
+
+
+def _imports(code: types.CodeType) -> set[str]:
+    """Modules that the code imports when it runs: what they hold then is not seen before."""
+    found = {str(i.argval) for i in dis.get_instructions(code) if i.opname == "IMPORT_NAME"}
+    return found.union(*(_imports(c) for c in code.co_consts if isinstance(c, types.CodeType)))
 
 
 def _names(code: types.CodeType) -> set[str]:

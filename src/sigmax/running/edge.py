@@ -15,6 +15,7 @@ from sigmax.models.checks import enough_memory, finite, is_traced, numbers
 from sigmax.models.fusion import Fused, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
+from sigmax.running.current import check_model, current_model
 from sigmax.running.functions import check_functions
 from sigmax.running.intervals import intervals
 from sigmax.running.linearity import check_linear
@@ -61,12 +62,6 @@ def as_filter(filter: Filter | str) -> Filter:
     raise InputError(f"a filter is a name such as 'SRCKFB' or made by sigmax.get; this is {type(filter).__name__}")
 
 
-def check_model(model: Any) -> None:
-    """Refuse what is no model."""
-    if not isinstance(model, Model):
-        raise InputError(f"model must be a sigmax.Model, it is {type(model).__name__}")
-
-
 def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model, Gaussian]:
     """Filter, model and prior as the engines take them: a bias beside the state, where the form wants it.
 
@@ -102,6 +97,7 @@ def prepare(
     Raises:
         InputError: for whatever does not fit, in words.
     """
+    model = current_model(model)
     given, alone = model, prior
     filter, model, prior = joined(filter, model, prior)
     measured = _measurements(model, z)

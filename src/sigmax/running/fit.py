@@ -1,6 +1,6 @@
 """Parameters of a model from a record, by maximum likelihood."""
 
-from collections.abc import Callable, Collection, Hashable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.native.fingerprint import fingerprint
 from sigmax.native.refusal import user_line
+from sigmax.running.current import current
 from sigmax.running.edge import as_filter, prepare
 from sigmax.running.run import run
 
@@ -87,8 +88,8 @@ def fit(
     shapes = tuple((k, v.shape) for k, v in sorted(values.items()))
     # Where it can be seen that `build` and all that it reads is as it was, what was compiled is found again.
     known = fingerprint(build)
-    remembered = _objective if known is not None and isinstance(build, Hashable) else _objective.__wrapped__
-    objective = remembered(chosen, build, known, shapes, kept_positive, update_first)
+    remembered = _objective if known is not None else _objective.__wrapped__
+    objective = remembered(chosen, current(build), known, shapes, kept_positive, update_first)
     record = jax.tree.map(
         jnp.asarray, (_record(model, z), checked.dt, None if inputs is None else numbers("inputs", inputs))
     )

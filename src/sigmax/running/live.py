@@ -14,6 +14,7 @@ from sigmax.models.model import Model
 from sigmax.native import Refused, Unavailable
 from sigmax.running.backend import attempt, native_failed, natively
 from sigmax.running.covariances import covariances
+from sigmax.running.current import current_model
 from sigmax.running.edge import as_filter, cast, joined, run_type, typed
 from sigmax.running.fusing import Members, with_members_live
 from sigmax.running.given import Given
@@ -56,7 +57,8 @@ class Live:
         backend: str | None = None,
     ) -> None:
         self._asked = as_filter(filter), model, prior
-        self.filter, model, prior = joined(*self._asked)
+        now = current_model(model)
+        self.filter, model, prior = joined(self._asked[0], now, prior)
         self.apart = model  # its sensors, where they are fused
         self._members, model = Members.of(model)
         self._dtype = run_type(dtype)
@@ -65,7 +67,7 @@ class Live:
         self._backend = backend
         self._busy = False
         self.model = cast(model, self._dtype)
-        self._given = Given(self.model, self._dtype, prior.mean.shape[:-1], *self._asked[1:])
+        self._given = Given(self.model, self._dtype, prior.mean.shape[:-1], now, self._asked[2])
         mean = typed(prior.mean, self._dtype)
         cov = typed(prior.cov, self._dtype)
         parts = self.filter, self.model, mean, cov

@@ -15,6 +15,7 @@ from sigmax.native.driver import Rows, Series, Step, Totals, driver, over_cores,
 from sigmax.native.fingerprint import fingerprint
 from sigmax.native.machine import lane_bytes
 from sigmax.running.backend import attempt
+from sigmax.running.current import current
 
 Shapes = tuple[tuple[int, ...], ...]
 Kind = TypeVar("Kind", bound=tuple[Any, ...])
@@ -24,13 +25,15 @@ def mapped(function: Callable[..., Any], *arrays: np.ndarray, backend: str | Non
     """What `function` gives for each row of arrays (B, …): one array (B, …) or several, always as a tuple.
 
     Natively a row's bits do not depend on the rows beside it. Compiled once for a function and the shapes
-    of its arguments; a function is told from another by its identity.
+    of its arguments; a function is told from another by its identity
+    and by what it reads.
 
     Args:
         function: of arrays (…), traceable by JAX, giving an array or a tuple of arrays.
         arrays: the arguments for each row, float64.
         backend: as in `run`.
     """
+    function = current(function)
     rows = [np.ascontiguousarray(a, np.float64) for a in arrays]
     shapes = tuple(a.shape[1:] for a in rows)
 
@@ -59,6 +62,7 @@ def totals(function: Callable[..., Any], *arrays: np.ndarray, backend: str | Non
         arrays: the arguments for each run and step, float64.
         backend: as in `run`.
     """
+    function = current(function)
     given = [np.ascontiguousarray(a, np.float64) for a in arrays]
     B, T = given[0].shape[:2]
 

@@ -12,6 +12,7 @@ from sigmax.native.calls import extension, ready
 from sigmax.native.driver import EMPTY, Record, Sensor, Step, driver, over_cores, pointer, series
 from sigmax.running.backend import attempt
 from sigmax.running.covariances import covariances
+from sigmax.running.current import current_model
 from sigmax.running.edge import as_filter, cast, run_type
 from sigmax.running.functions import check_shapes, counted
 from sigmax.running.lanes import started
@@ -54,6 +55,7 @@ class RowSteps:
 
     def __init__(self, filter: Filter | str, model: Model, *, dtype: Any = "float64", backend: str | None = None):
         self.filter, self.dtype, self.backend = as_filter(filter), run_type(dtype), backend
+        self._asked, model = model, current_model(model)
         check_shapes(model, None, counted(model), self.dtype)
         self.model = cast(model, self.dtype)
         self.packing = lowered(self.filter, self.model, 0, self.dtype).packing
@@ -64,7 +66,7 @@ class RowSteps:
 
     def __getstate__(self) -> tuple[Any, ...]:
         """How they were made: what is compiled is found again."""
-        return self.filter, self.model, str(self.dtype), self.backend
+        return self.filter, self._asked, str(self.dtype), self.backend
 
     def __setstate__(self, given: tuple[Any, ...]) -> None:
         filter, model, dtype, backend = given

@@ -14,7 +14,8 @@ from sigmax.models.evaluate import noise_roots
 from sigmax.models.model import Model
 from sigmax.running import lanes
 from sigmax.running.backend import attempt
-from sigmax.running.edge import as_filter, cast, check_model, laid_out_steps
+from sigmax.running.current import current_model
+from sigmax.running.edge import as_filter, cast, laid_out_steps
 from sigmax.running.result import Layout, Result, Smoothed
 from sigmax.running.scanned import batch_first, batch_last
 from sigmax.running.smooth_step import back
@@ -48,7 +49,7 @@ def smooth(
     Raises:
         InputError: where dt or inputs do not fit the result, or a part of it was not kept.
     """
-    check_model(model)
+    model = current_model(model)
     if not isinstance(result, Result):
         raise InputError(f"result must be what sigmax.run gave, it is {type(result).__name__}")
     chosen = as_filter(filter).on(model.biases)
