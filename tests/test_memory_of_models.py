@@ -196,6 +196,7 @@ WAYS = {
     "a function with derivatives": of_space(
         "def g(x): return x * A\ndef J(x): return jnp.ones((1, 1)) * A\nf = join(g, J)", join=sigmax.with_derivatives
     ),
+    "a class without a module": of_space("class G:\n    def __call__(self, x): return x * A\nf = G()"),
     "an array in place": array_in_place,
     "a large array in place": large_array_in_place,
     "an entry": entry,

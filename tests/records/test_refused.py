@@ -218,10 +218,8 @@ def test_tracks_of_very_different_length_are_refused(tmp_path: Path, monkeypatch
         load(str(write_radar(tmp_path)))
 
 
-@pytest.mark.parametrize(("how", "works"), [("dataclass", False), ("dataclass(eq=False)", True)])
-def test_an_object_that_cannot_be_hashed_is_refused_with_its_place_and_a_remedy(
-    how: str, works: bool, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("how", ["dataclass", "dataclass(eq=False)"])
+def test_an_object_that_can_be_called_need_not_be_hashable(how: str, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "import jax.numpy as jnp\nfrom dataclasses import dataclass\n\n"
         f"@{how}\nclass Straight:\n    rate: float = 1.0\n\n"
@@ -236,8 +234,4 @@ def test_an_object_that_cannot_be_hashed_is_refused_with_its_place_and_a_remedy(
         "[prior]\nx = { mean = 0, std = 10 }\nv = { mean = 0, std = 10 }\n"
     )
     record = load(str(tmp_path / "d.toml"))
-    if works:
-        check(record, (parse_trial("EKF"),))
-        return
-    with pytest.raises(InputError, match=r"'Straight' \(mine.py, line 8\), which cannot be hashed.*eq=False"):
-        check(record, (parse_trial("EKF"),))
+    check(record, (parse_trial("EKF"),))

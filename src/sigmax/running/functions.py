@@ -3,7 +3,6 @@
 import functools
 import warnings
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -197,22 +196,8 @@ def _as_array(result: Any) -> jax.Array:
         raise InputError(f"it returns {type(result).__name__}, which is no array of numbers; {error}") from error
 
 
-def _check_hashable(what: str, function: Any) -> None:
-    """Compiled steps are found again by the functions that they came from."""
-    try:
-        hash(function)
-    except TypeError as error:
-        code = getattr(type(function).__call__, "__code__", None)
-        where = "" if code is None else f" ({Path(code.co_filename).name}, line {code.co_firstlineno})"
-        raise InputError(
-            f"{what} is an object of the class {type(function).__name__!r}{where}, which cannot be hashed: {error}; "
-            "let it be compared by identity, as with @dataclass(eq=False), or give a function"
-        ) from error
-
-
 def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> _Evaluated:
     """What a function gives, of real numbers or of whole ones that are the same for all arguments."""
-    _check_hashable(what, function)
     try:
         found = _evaluated(function, arguments)
     except InputError as error:

@@ -68,13 +68,10 @@ def _about(code: types.CodeType) -> _Code:
 def _is_library(name: str) -> bool:
     """Whether a module of this name is not the user's."""
     module = sys.modules.get(name)
+    if module is None or name == "__main__" or getattr(module, "__spec__", None) is None:
+        return False
     file = getattr(module, "__file__", None)
-    return name != "__main__" and (file is None or file.startswith(_LIBRARIES)) and not _is_bare(module)
-
-
-def _is_bare(module: Any) -> bool:
-    """Whether a module was put together by hand."""
-    return module is not None and getattr(module, "__spec__", None) is None and module.__name__ != "builtins"
+    return file is None or file.startswith(_LIBRARIES)
 
 
 def _walk(thing: Any, found: Reading, seen: set[int]) -> None:
