@@ -190,6 +190,38 @@ def test_distances_to_beacons_are_not_taken_for_a_position(names: tuple[str, ...
         propose(written(tmp_path / "uwb.csv", table))
 
 
+PLACED = [("range", "ax", "ay"), ("range_m", "anchor_x", "anchor_y"), ("dist", "BeaconX", "BeaconY"),
+          ("r", "station_pos_x_m", "station_pos_y_m"), ("distance", "bs_east", "bs_north")]  # fmt: skip
+
+
+@pytest.mark.parametrize("names", PLACED, ids=lambda n: n[1])
+def test_distances_with_the_places_of_their_beacons_become_a_sensor_that_finds_the_target(
+    names: tuple[str, str, str], tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(120) * 0.25
+    which = np.arange(120) % 4
+    at = np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 20.0], [0.0, 20.0]])[which]
+    truth = np.column_stack([8 + 0.4 * t, 5 + 0.2 * t])
+    measured = np.linalg.norm(truth - at, axis=1) + 0.1 * rng.standard_normal(120)
+    table = pd.DataFrame({"t": t, "anchor": which, names[1]: at[:, 0], names[2]: at[:, 1], names[0]: measured})
+    record, remarks = described(written(tmp_path / "uwb.csv", table))
+    assert record.tracks == ("1",)
+    assert any("distance to a beacon" in remark for remark in remarks)
+    outcome = sigmax.records.track(record, record.trials[0])
+    error = np.asarray(outcome.result.mean)[0, :, :2] - truth
+    assert np.linalg.norm(error[60:], axis=1).max() < 1.0
+
+
+def test_accelerations_are_no_places_of_beacons(tmp_path: Path) -> None:
+    t = np.arange(20.0)
+    measured = pd.DataFrame({"t": t, "range": 100 + t, "ax": np.sin(t), "ay": np.cos(t)})
+    with pytest.raises(InputError, match="'range' looks like a distance to a beacon"):
+        propose(written(tmp_path / "d.csv", measured))
+    record, _ = described(written(tmp_path / "d.csv", measured.assign(bearing_deg=t)))
+    assert set(record.z) == {"radar"}
+
+
 FORMATS: dict[str, Callable[[Path, pd.DataFrame], Path]] = {
     "comma": lambda folder, t: written(folder / "d.csv", t),
     "semicolon": lambda folder, t: written(folder / "d.csv", t, sep=";"),

@@ -20,7 +20,10 @@ _BEACONS = r"(range|rng|dist(ance)?|d|r|tof|anchor|beacon|uwb)_?[a-z]?\d+(_(rang
 
 
 class Seen(NamedTuple):
-    """What measures positions: tables of the TOML, the state it needs, and places (T, 2) to judge tracks by."""
+    """What measures positions: tables of the TOML, the state it needs, and places (T, 2) to judge tracks by.
+
+    Without a prior of the position it comes from the sensor.
+    """
 
     tables: str
     axes: tuple[str, str]
@@ -28,6 +31,7 @@ class Seen(NamedTuple):
     remarks: tuple[str, ...]
     columns: tuple[str, ...]
     sensor: str
+    prior: str = ""
 
 
 def geodetic(table: Table, clock: np.ndarray, time: TimeRole, track: str | None) -> Seen | None:
@@ -80,11 +84,11 @@ def _local(table: Table, lat: Column, lon: Column) -> tuple[LocalPart, list[str]
 
 def _shown(part: LocalPart) -> str:
     """The table [local] as TOML."""
-    lines = ["[local]", f"latitude = {_column(part.latitude)}", f"longitude = {_column(part.longitude)}"]
+    lines = ["[local]", f"latitude = {column_toml(part.latitude)}", f"longitude = {column_toml(part.longitude)}"]
     lines += [f"origin = [{', '.join(map(quoted, part.origin))}]"] if part.origin else []
     lines += [f"within = {quoted(part.within)}"] if part.within else []
-    lines += [f"speed = {_column(part.speed)}"] if part.speed else []
-    lines += [f"course = {_column(part.course)}"] if part.course else []
+    lines += [f"speed = {column_toml(part.speed)}"] if part.speed else []
+    lines += [f"course = {column_toml(part.course)}"] if part.course else []
     return "\n".join(lines) + "\n"
 
 
@@ -119,9 +123,8 @@ def polar(table: Table, time: TimeRole, track: str | None) -> Seen | None:
     values = table.numbers(angle)
     turn = told[1] if is_unit_of(told[1], ANGLE) else "deg" if np.nanmax(np.abs(values)) > 6.4 else "rad"
     r, a = table.numbers(reach) * to_si(length, LENGTH, reach), values * to_si(turn, ANGLE, angle)
-    columns = (
-        f"range = {_column(Column(column=reach, unit=length))}, azimuth = {_column(Column(column=angle, unit=turn))}"
-    )
+    shown = [column_toml(Column(column=n, unit=u)) for n, u in ((reach, length), (angle, turn))]
+    columns = f"range = {shown[0]}, azimuth = {shown[1]}"
     tables = (
         f'[sensors.radar]\nkind = "range_azimuth"\ncolumns = {{ {columns} }}\n'
         'noise = { range = "50 m", azimuth = "0.5 deg" }\n'
@@ -168,7 +171,7 @@ def plane(table: Table, time: TimeRole, track: str | None) -> Seen:
     told = [base_and_unit(name)[1] for name in (x, y)]
     units = [unit if is_unit_of(unit, LENGTH) else "m" for unit in told]
     place = np.column_stack([table.numbers(n) * to_si(u, LENGTH, n) for n, u in zip((x, y), units, strict=True)])
-    shown = tuple(_column(Column(column=n, unit=u)) for n, u in zip((x, y), units, strict=True))
+    shown = tuple(column_toml(Column(column=n, unit=u)) for n, u in zip((x, y), units, strict=True))
     words = remark or f"{x!r} and {y!r} are taken for a position in {units[0]}."
     return Seen(_position("position", ("x", "y"), shown, "1 m"), ("x", "y"), place, (words,), (x, y), "position")
 
@@ -191,7 +194,8 @@ def _position(name: str, axes: tuple[str, str], columns: tuple[str, ...], noise:
     )
 
 
-def _column(column: Column) -> str:
+def column_toml(column: Column) -> str:
+    """A column with its unit as TOML has it."""
     missing = f", missing = {column.missing[0]:g}" if column.missing else ""
     return f'{{ column = {quoted(column.column)}, unit = "{column.unit}"{missing} }}'
 

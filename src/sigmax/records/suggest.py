@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from sigmax.errors import InputError
+from sigmax.records.beacons import beacons
 from sigmax.records.doubts import clock_doubts, standstill
 from sigmax.records.likely import labels_of, likely_track, speeds
 from sigmax.records.positions import geodetic, plane, polar, quoted
@@ -40,7 +41,12 @@ def propose(path: Path) -> Proposal:
     clock, epoch = table.times(time.column, time.format)
     clock = clock * to_si(time.unit, TIME, "time")
     track = track_of(table, (time.column,))
-    seen = geodetic(table, clock, time, track) or polar(table, time, track) or plane(table, time, track)
+    seen = (
+        geodetic(table, clock, time, track)
+        or beacons(table, time, track)
+        or polar(table, time, track)
+        or plane(table, time, track)
+    )
     remarks = [time.remark, *seen.remarks]
     if track is None:
         others = [n for n in names if n not in (time.column, *seen.columns)]
@@ -80,7 +86,7 @@ noise = {{ density = "{_density(pace)} m^2/s^3" }}
 
 {seen.tables}
 [prior]
-position_from = "{seen.sensor}"
+{seen.prior or f'position_from = "{seen.sensor}"'}
 v{x} = {{ mean = 0, std = "{pace:g} m/s" }}
 v{y} = {{ mean = 0, std = "{pace:g} m/s" }}
 """
