@@ -8,6 +8,10 @@ class InputError(ValueError):
     """Something given to the library does not fit; the message says what to change."""
 
 
+def _known(names: list[str]) -> str:
+    return f"known: {', '.join(map(repr, names))}" if any(names) else "none here has a name"
+
+
 def unknown(kind: str, name: object, known: Iterable[str]) -> InputError:
     """The error for a name that is not known, with the nearest ones that are."""
     names = sorted(known)
@@ -17,5 +21,5 @@ def unknown(kind: str, name: object, known: Iterable[str]) -> InputError:
     near = difflib.get_close_matches(asked, folded, n=4, cutoff=0.5)
     anagrams = [n for n in folded if sorted(n) == sorted(asked)]
     near = list(dict.fromkeys([*anagrams, *near]))
-    hint = f"did you mean {' or '.join(folded[n] for n in near[:3])}?" if near else f"known: {', '.join(names)}"
+    hint = f"did you mean {' or '.join(folded[n] for n in near[:3])}?" if near else _known(names)
     return InputError(f"unknown {kind} {name!r}; {hint}")

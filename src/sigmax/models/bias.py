@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.models.checks import finite, is_traced, numbers, strings
+from sigmax.models.checks import finite, is_traced, numbers, own, strings
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, noise, takes
 
@@ -144,7 +144,7 @@ def coefficients(what: str, given: Any, p: int, allowed: tuple[int, ...]) -> Any
     if callable(given):
         takes(given, what, allowed)
         return given
-    value = numbers(what, given)
+    value = own(numbers(what, given))
     if value.ndim == 1 and p == 1:
         value = value[:, None]
     if value.ndim != 2 or value.shape[1] != p:

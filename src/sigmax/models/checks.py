@@ -1,7 +1,8 @@
 """Checks at the edge of the library; values being traced are let through."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, KeysView, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from decimal import Decimal
 from functools import cache
@@ -23,12 +24,15 @@ def is_traced(value: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
 
 
-def strings(what: str, given: Any) -> tuple[str, ...]:
+def strings(what: str, given: Any, ordered: bool = True) -> tuple[str, ...]:
     """Names, or one alone, as a tuple.
 
     Raises:
-        InputError: for anything but text.
+        InputError: for anything but text, and for a set or a dict where their order says what they name.
     """
+    if ordered and isinstance(given, AbstractSet | Mapping) and not isinstance(given, KeysView):
+        kind = type(given).__name__
+        raise InputError(f"{what} must be names in order, a tuple or a list; a {kind} has no order to go by: {given!r}")
     names = [given] if isinstance(given, str) else members(given)
     if names is None or not all(isinstance(name, str) for name in names):
         raise InputError(f"{what} must be one or several names in quotes; it is {given!r}")
@@ -69,11 +73,47 @@ def numbers(what: str, value: Any, missing: bool = False) -> Any:
         raise InputError(f"{what} must be an array of real numbers; {error}") from error
 
 
+def own(array: Any) -> Any:
+    """A copy that nobody can change: what was checked stays as it was. Arrays of JAX never change."""
+    if isinstance(array, np.ndarray):
+        array = array.copy()
+        array.flags.writeable = False
+    return array
+
+
+def by_name(what: str, value: Any, names: Sequence[str] | None) -> Any:
+    """A frame with its columns, or a series with its entries, in the order of `names`; anything else as it is.
+
+    Where one side has no names, such as columns that are only counted, the order is taken for that of the names.
+
+    Raises:
+        InputError: where it has other names.
+    """
+    labels = getattr(value, "columns", None)
+    frame = labels is not None
+    if labels is None and type(value).__name__ == "Series" and hasattr(value, "index"):
+        labels = getattr(value.index, "tolist", list)()
+    if type(value) is np.ndarray or labels is None or not names:
+        return value
+    given = list(labels)
+    wanted = list(map(str, names))
+    counted = [[f"{kind}{i}" for i in range(len(wanted))] for kind in ("state", "measurement")]
+    known = all(isinstance(name, str) for name in given) and wanted not in counted
+    if not given or not known or given[: len(wanted)] == wanted:
+        return value
+    if len(given) != len(wanted) or set(given) != set(wanted):
+        kind = "columns" if frame else "entries"
+        raise InputError(
+            f"{what} has {kind} {given}, the model {wanted}: rename them, or give their values alone, {what}.to_numpy()"
+        )
+    return value[wanted]
+
+
 _OURS = (np.dtype(np.float64), np.dtype(np.float32))
 
 
 def _floats(what: str, value: Any, missing: bool) -> np.ndarray:
-    data, mask = _unmasked(value)
+    data, mask = _unmasked(_whole(value))
     array = np.asarray(data)
     if array.dtype.kind == "O":
         array, absent = _from_objects(array)
@@ -101,6 +141,21 @@ def _unmasked(value: Any) -> tuple[Any, Any]:
             data = [part for part, _ in parts]
             return data, np.array([np.broadcast_to(mask, np.shape(part)) for part, mask in parts])
     return value, False
+
+
+def _whole(value: Any) -> Any:
+    """Lists in which None stands for a whole row, with a row of None in its place."""
+    if not isinstance(value, list | tuple) or not any(_is_row(v) for v in value):
+        return value
+    found = [_whole(v) for v in value]
+    if all(v is not None for v in found):
+        return found
+    like = np.shape(next(v for v in found if _is_row(v)))
+    return [np.full(like, None, object).tolist() if v is None else v for v in found]
+
+
+def _is_row(value: Any) -> bool:
+    return isinstance(value, list | tuple | np.ndarray) and not np.ma.isMaskedArray(value)
 
 
 def _from_objects(array: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -177,7 +232,7 @@ def symmetric_semidefinite(what: str, value: Any) -> None:
         *_, i, j = np.unravel_index(gap.argmax(), gap.shape)
         raise InputError(
             f"{what} must be symmetric; entries [{i}, {j}] and [{j}, {i}] differ by {gap.max():.1g} of their scale: "
-            f"use ({what} + {what}.T) / 2 if that is rounding"
+            "use (P + P.T) / 2 of this P if that is rounding"
         )
     known = (d[..., :, None] == 0) | (d[..., None, :] == 0)
     wrong = known & (P != 0)

@@ -4,9 +4,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.checks import enough_memory, finite, numbers, symmetric_semidefinite
+from sigmax.models.checks import enough_memory, finite, numbers, own, symmetric_semidefinite
 
 
 @jax.tree_util.register_pytree_node_class
@@ -35,15 +36,16 @@ class Gaussian:
         n = x.shape[-1]
         enough_memory(f"a prior of shape {x.shape}", x.size + P.size * 4.0)
         if (P.shape == (n,) and n > 1) or P.shape == (1,):
-            P = jnp.diag(P) if isinstance(P, jax.Array) else P[:, None] * jnp.eye(n)
+            P = jnp.diag(P) if isinstance(P, jax.Array) else np.diag(P)
         if P.shape[-2:] != (n, n) or P.ndim > 3 or (P.ndim == 3 and x.ndim == 2 and len(P) != len(x)):
+            shapes = [(n, n), (n,)] if x.ndim == 1 else [(len(x), n, n), (n, n), (n,)]
             raise InputError(
-                f"a mean of shape {x.shape} needs a covariance of shape {(*x.shape[:-1], n, n)} or {(n, n)}; "
+                f"a mean of shape {x.shape} needs a covariance of shape {' or '.join(map(str, shapes))}; "
                 f"this one has {P.shape}"
             )
         finite("the mean", x)
         symmetric_semidefinite("the covariance", P)
-        self.mean, self.cov = x, P
+        self.mean, self.cov = own(x), own(P)
 
     @property
     def size(self) -> int:

@@ -66,6 +66,9 @@ class Model:
         self.domain = domain
         self.several = isinstance(sensor, Mapping)
         parts = dict(sensor) if isinstance(sensor, Mapping) else {"": sensor}
+        inputs = {part.inputs for part in (motion, *parts.values()) if isinstance(part, Motion | Sensor)} - {()}
+        # Names of the inputs u, where the parts that take them agree on them.
+        self.inputs: tuple[str, ...] | None = inputs.pop() if len(inputs) == 1 else None
         if not parts:
             raise InputError("a model needs at least one sensor; the dict given is empty")
         self.sensors: dict[str, Callable[..., Any]] = {

@@ -10,7 +10,7 @@ import numpy as np
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
-from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
+from sigmax.models.checks import is_traced, numbers, own, symmetric_semidefinite
 
 Noise = Any  # an array, a Diagonal of variances, or a function that gives either
 
@@ -35,9 +35,10 @@ def takes(function: Callable[..., Any], what: str, allowed: tuple[int, ...]) -> 
     except (TypeError, ValueError):
         return allowed[0]
     positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
-        return allowed[-1]
     required = sum(p.default is p.empty for p in positional)
+    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
+        # The last of them are the inputs u, which only who asks for them needs.
+        return allowed[-2] if required <= allowed[-2] else allowed[-1]
     fitting = [k for k in allowed if required <= k <= len(positional)]
     if not fitting:
         wanted = " or ".join(map(str, allowed))
@@ -68,7 +69,7 @@ def noise(label: str, given: Any, components: Sequence[str] | None, allowed: tup
     if callable(given):
         takes(given, label, allowed)
         return given
-    value = numbers(label, given)
+    value = own(numbers(label, given))
     n = len(components) if components is not None else value.shape[-1]
     if value.ndim == 0 and n == 1:
         value = value[None]
@@ -86,7 +87,7 @@ def noise(label: str, given: Any, components: Sequence[str] | None, allowed: tup
         )
     symmetric_semidefinite(label, value)
     if not is_traced(value) and np.count_nonzero(value - np.diag(np.diagonal(value))) == 0:
-        return Diagonal(np.diagonal(value).copy())
+        return Diagonal(own(np.diagonal(value)))
     return value
 
 

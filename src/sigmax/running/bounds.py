@@ -1,4 +1,4 @@
-"""Indices beyond an array in the functions of a model: JAX would take the nearest element without a word."""
+"""Indices beyond an array in the functions of a model: JAX takes another element, or writes none, without a word."""
 
 from typing import Any
 
@@ -37,6 +37,12 @@ def _check(jaxpr: Jaxpr, known: dict[Any, Any]) -> None:
             axes = equation.params["dimension_numbers"].start_index_map
             at = [None if values[1] is None else np.asarray(values[1])[..., j] for j in range(len(axes))]
             _within(equation, at, equation.params["slice_sizes"], axes)
+        elif name == "dynamic_update_slice":
+            _within(equation, values[2:], _shape(equation.invars[1]), range(len(values) - 2), "written")
+        elif name.startswith("scatter") and equation.params["mode"] != jax.lax.GatherScatterMode.CLIP:
+            axes = equation.params["dimension_numbers"].scatter_dims_to_operand_dims
+            at = [None if values[1] is None else np.asarray(values[1])[..., j] for j in range(len(axes))]
+            _within(equation, at, _window(equation), axes, "written")
         elif isinstance(inner, ClosedJaxpr) and name in ("jit", "pjit"):
             _check(inner.jaxpr, _numbers(inner.jaxpr.constvars, inner.consts) | _numbers(inner.jaxpr.invars, values))
         elif name in _FOLLOWED and all(v is not None and np.asarray(v).dtype.kind in "iub" for v in values):
@@ -49,7 +55,19 @@ def _numbers(variables: Any, values: Any) -> dict[Any, Any]:
     return {v: c for v, c in found if c is not None and not isinstance(c, jax.core.Tracer)}
 
 
-def _within(equation: Any, starts: Any, sizes: Any, axes: Any) -> None:
+def _shape(variable: Any) -> tuple[int, ...]:
+    return tuple(variable.aval.shape)
+
+
+def _window(scatter: Any) -> list[int]:
+    """How many elements along each axis of its array one index of a scatter writes."""
+    numbers, updates = scatter.params["dimension_numbers"], _shape(scatter.invars[2])
+    sizes = iter([updates[axis] for axis in numbers.update_window_dims])
+    single = (*numbers.inserted_window_dims, *numbers.operand_batching_dims)
+    return [1 if axis in single else next(sizes) for axis in range(len(_shape(scatter.invars[0])))]
+
+
+def _within(equation: Any, starts: Any, sizes: Any, axes: Any, what: str = "read") -> None:
     shape = equation.invars[0].aval.shape
     for start, axis in zip(starts, axes, strict=True):
         if start is None:
@@ -59,6 +77,6 @@ def _within(equation: Any, starts: Any, sizes: Any, axes: Any) -> None:
             where = line_of(equation)
             beyond = int(at.min() if at.min() < 0 else at.max() + sizes[axis] - 1)
             raise IndexError(
-                f"element {beyond} of an array that has {shape[axis]} is read{f' ({where})' if where else ''}; "
-                "JAX would take another one without a word"
+                f"element {beyond} of an array that has {shape[axis]} is {what}{f' ({where})' if where else ''}; "
+                f"JAX would {'take another one' if what == 'read' else 'not write it'} without a word"
             )

@@ -11,7 +11,7 @@ from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter, get
 from sigmax.models.as_one import as_one
 from sigmax.models.bias import joint
-from sigmax.models.checks import enough_memory, finite, is_traced, numbers
+from sigmax.models.checks import by_name, enough_memory, finite, is_traced, numbers
 from sigmax.models.fusion import Fused, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
@@ -38,6 +38,7 @@ class Prepared(NamedTuple):
         fused: what was put together before the run, where sensors are fused.
         update_first: whether the first step is a correction alone.
         captured: whether a function of the model holds a number that is being traced.
+        inputs: u as the user gave it, without what fusion puts behind it.
     """
 
     filter: Filter
@@ -51,6 +52,7 @@ class Prepared(NamedTuple):
     fused: Fused | None = None
     update_first: bool = False
     captured: bool = False
+    inputs: Any = None
 
 
 def as_filter(filter: Filter | str) -> Filter:
@@ -130,7 +132,8 @@ def prepare(
     batch = next(iter(batches.values()), None)
     dtype = run_type(dtype)
     captured = check_functions(given, alone, elapsed, inputs_given, sizes, dtype)
-    if filter.linear:
+    # Where a function holds a traced number its slopes are not known; `fit` has seen them at its start.
+    if filter.linear and not captured:
         check_linear(given, None if inputs_given is None else inputs_given.shape[-1])
 
     return Prepared(
@@ -145,6 +148,7 @@ def prepare(
         fused,
         update_first,
         captured,
+        None if inputs_given is None else typed(inputs_given, dtype),
     )
 
 
@@ -193,18 +197,18 @@ def _measurements(model: Model, z: Any) -> dict[str, Any]:
     if model.several != isinstance(z, Mapping):
         wanted = f"a dict by sensor name, {sorted(model.sensors)}" if model.several else "an array (T, m) or (B, T, m)"
         raise InputError(f"z must be {wanted}; it is {type(z).__name__}")
-    by_name: Mapping[str, Any] = z if isinstance(z, Mapping) else {"": z}
-    if not by_name:
+    measured: Mapping[str, Any] = z if isinstance(z, Mapping) else {"": z}
+    if not measured:
         raise InputError("z has no measurements: the dict is empty")
-    for s in by_name:
+    for s in measured:
         if s not in model.sensors:
             raise unknown("sensor", s, model.sensors)
     result = {}
     for s in model.sensors:
-        if s not in by_name:
+        if s not in measured:
             continue
         label = f"z[{s!r}]" if s else "z"
-        value = numbers(label, by_name[s], missing=True)
+        value = numbers(label, by_name(label, measured[s], model.measurement[s]), missing=True)
         if value.ndim not in (2, 3):
             hint = "; for a scalar measurement use z[:, None]" if value.ndim == 1 else ""
             raise InputError(f"{label} must have the shape (T, m) or (B, T, m); it has {value.shape}{hint}")
@@ -224,9 +228,12 @@ def _inputs(model: Model, inputs: Any, T: int) -> Any:
     wanting += [s or "sensor" for s in model.sensors if model.sensor_driven(s)]
     if inputs is None:
         if wanting:
-            raise InputError(f"{' and '.join(wanting)} take inputs u; give inputs= with the shape ({T}, k)")
+            verb = "takes" if len(wanting) == 1 else "take"
+            raise InputError(f"{' and '.join(wanting)} {verb} inputs u; give inputs= with the shape ({T}, k)")
         return None
-    value = numbers("inputs", inputs)
+    if not wanting:
+        raise InputError("inputs= is given, and nothing in this model takes inputs u: leave it out")
+    value = numbers("inputs", by_name("inputs", inputs, model.inputs))
     if value.ndim == 1:
         raise InputError(f"inputs must have the shape ({T}, k); for one input use inputs[:, None]")
     if value.ndim not in (2, 3) or value.shape[-2] != T:

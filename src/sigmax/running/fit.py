@@ -192,7 +192,7 @@ def _values(start: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _positive(positive: Collection[str], start: Mapping[str, Any]) -> frozenset[str]:
-    names = frozenset(strings("positive", positive))
+    names = frozenset(strings("positive", positive, ordered=False))
     for name in names:
         if name not in start:
             raise unknown("parameter", name, start)

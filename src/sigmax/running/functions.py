@@ -212,6 +212,12 @@ def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> _Evaluated:
             "jax.numpy, jnp.where in the place of if, without float(); or hand it over as sigmax.opaque(…)"
         ) from error
     except Exception as error:
+        if isinstance(error, TypeError) and "item assignment" in str(error):
+            where = user_line(error)
+            raise InputError(
+                f"{what} assigns to a part of an array{f' ({where})' if where else ''}, and those of JAX never change: "
+                "write x = x.at[0].set(…) for x[0] = …"
+            ) from error
         error.add_note(
             f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}"
         )

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.models.checks import finite, numbers
+from sigmax.models.checks import by_name, finite, numbers
 from sigmax.models.fusion import inputs_behind
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
@@ -49,6 +49,8 @@ class Given:
 
     def measurement(self, z: Any, sensor: str | None) -> tuple[str, np.ndarray]:
         """The sensor and what it measured (m,) or (B, m)."""
+        if type(z) is not np.ndarray:
+            z = by_name("z", z, self._model.measurement.get(sensor if isinstance(sensor, str) else ""))
         value = np.asarray(numbers("z", z, missing=True), self._dtype)
         if sensor is None and value.shape == self._shape:
             return "", value
@@ -75,6 +77,8 @@ class Given:
     def inputs(self, u: Any, what: str, sensor: str | None = None) -> np.ndarray | None:
         """The inputs of a motion or a sensor, None where neither takes any."""
         if not self._driven:
+            if u is not None:
+                raise InputError("u= is given, and nothing in this model takes inputs u: leave it out")
             return None
         wanted = what == "motion" and self._model.motion_driven
         wanted = wanted or (sensor is not None and self._model.sensor_driven(sensor))
@@ -82,7 +86,7 @@ class Given:
             return None
         if u is None:
             raise InputError(f"the {what} takes inputs; give u=")
-        value = np.asarray(numbers("u", u), self._dtype)
+        value = np.asarray(numbers("u", by_name("u", u, self._asked.inputs)), self._dtype)
         if value.ndim != 1 and not (value.ndim == 2 and value.shape[:1] == self._tracks):
             batch = f", or {(*self._tracks, 'k')} of each track" if self._tracks else ""
             raise InputError(f"u must have the shape (k,){batch}; it has {value.shape}")

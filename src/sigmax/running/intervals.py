@@ -39,6 +39,19 @@ def _in_seconds(dt: Any) -> Any:
     return numbers("dt", dt)
 
 
+def _not_times(value: Any) -> None:
+    """Refuse the times of measurements in the place of the intervals between them."""
+    if is_traced(value) or value.shape[-1] < 3:
+        return
+    steps = np.diff(later := np.asarray(value)[..., 1:])
+    # Intervals of more than a day, each of them longer than the last, and by less than a thousandth.
+    if (later[..., 0] > 1e5).all() and (steps > 0).all() and (steps.mean(-1) < 1e-3 * later[..., 0]).all():
+        raise InputError(
+            f"dt are the intervals between the measurements, in seconds; these look like their times, {later.min()} "
+            f"to {later.max()}: give np.diff(t) with update_first=True, or np.diff(t, prepend=…) the time of the prior"
+        )
+
+
 def intervals(dt: Any, T: int, update_first: bool) -> Any:
     """Seconds of T steps, (T,) or (B, T); the first, which may be missing, is 0 where the record begins with an update.
 
@@ -59,6 +72,7 @@ def intervals(dt: Any, T: int, update_first: bool) -> Any:
             f"{hint if value.shape[-1] == T - 1 else ''}"
         )
     finite("dt", value)
+    _not_times(value)
     if not is_traced(value) and (np.asarray(value) < 0).any():
         place = np.argwhere(np.asarray(value) < 0)[0]
         raise InputError(

@@ -1,7 +1,7 @@
 """What a run leaves behind."""
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,55 +10,13 @@ from numpy.typing import ArrayLike
 
 from sigmax.algebra.arrays import TWO_PI
 from sigmax.errors import InputError
-from sigmax.models.checks import is_traced
-from sigmax.models.model import Model
+from sigmax.models.checks import by_name, is_traced, numbers
 from sigmax.running.covariances import covariances
+from sigmax.running.layout import Layout
 from sigmax.running.step import Fault, Innovation
 
 # What a run can keep.
 PARTS = ("mean", "factor", "fault", "nis", "dof", "step_log_likelihood", "innovation")
-
-
-class Layout(NamedTuple):
-    """What the arrays of a result mean.
-
-    Attributes:
-        state: names of the components of the state.
-        angular: which of them are angles.
-        batched: whether the first axis is a batch.
-        several: whether what was measured is told by sensor.
-        bias: names of the components of the bias.
-        bias_first: whether the bias stands before the state in what was stored, rather than behind it.
-        fusion: how each sensor was fused with the others, by its name.
-    """
-
-    state: tuple[str, ...]
-    angular: tuple[bool, ...]
-    batched: bool
-    several: bool
-    bias: tuple[str, ...] = ()
-    bias_first: bool = False
-    fusion: tuple[tuple[str, str], ...] = ()
-
-    @classmethod
-    def of(cls, model: Model, batched: bool) -> "Layout":
-        """The layout of a run on a model as an engine takes it."""
-        several, bias = model.several, model.bias
-        if bias is None:
-            return cls(model.state, model.angular, batched, several)
-        return cls(model.state, model.angular, batched, several, bias.names, bias.first)
-
-    @property
-    def own(self) -> slice:
-        """Where the state stands in what was stored."""
-        before = len(self.bias) if self.bias_first else 0
-        return slice(before, before + len(self.state))
-
-    @property
-    def offsets(self) -> slice:
-        """Where the bias stands in what was stored."""
-        before = 0 if self.bias_first else len(self.state)
-        return slice(before, before + len(self.bias))
 
 
 @jax.tree_util.register_dataclass
@@ -177,8 +135,18 @@ class Smoothed:
         return [f"{w}: {fault.message}" for w, fault in zip(where, found, strict=True)]
 
     def errors(self, truth: ArrayLike) -> Any:
-        """Mean − truth (…, T, n), angles in [-π, π]; truth of shape (T, n) or (…, T, n)."""
-        difference = self.mean - np.asarray(truth)
+        """Mean − truth (…, T, n), angles in [-π, π]; truth of shape (T, n) or (…, T, n), NaN where unknown.
+
+        A frame is taken by the names of its columns.
+
+        Raises:
+            InputError: for a truth of another shape or with other names.
+        """
+        value, mean = numbers("the truth", by_name("the truth", truth, self.state), missing=True), self.mean
+        if value.shape not in (mean.shape, mean.shape[-2:]):
+            shapes = " or ".join(map(str, dict.fromkeys((mean.shape[-2:], mean.shape))))
+            raise InputError(f"the truth must have the shape {shapes}, for {list(self.state)}; it has {value.shape}")
+        difference = mean - value
         period = np.where(self.layout.angular, TWO_PI, 0.0)
         return difference - period * np.round(difference / TWO_PI)
 
@@ -193,6 +161,8 @@ class Result(Smoothed):
     stored_log_likelihood: Any = field(repr=False)
     stored_count: Any = field(repr=False)
     stored_total: Any = field(repr=False)
+    stored_dt: Any = field(default=None, repr=False)
+    stored_inputs: Any = field(default=None, repr=False)
 
     @property
     def nis(self) -> Any:
@@ -225,6 +195,16 @@ class Result(Smoothed):
     def step_log_likelihood(self) -> Any:
         """Log-likelihood of each step (…, T)."""
         return self._out(self.stored_log_likelihood, "step_log_likelihood")
+
+    @property
+    def dt(self) -> Any:
+        """Seconds of each step (…, T), as the run took them: kept where mean, factor and fault are, for `smooth`."""
+        return self._out(self.stored_dt, "dt, which comes with mean, factor and fault,")
+
+    @property
+    def inputs(self) -> Any:
+        """Inputs of each step (…, T, k), kept as `dt` is; None where the model takes none."""
+        return self.stored_inputs
 
     @property
     def innovation(self) -> Any:

@@ -3,6 +3,9 @@
 from collections.abc import Collection
 from typing import Any
 
+import jax.numpy as jnp
+import numpy as np
+
 from sigmax.errors import unknown
 from sigmax.filters import Filter
 from sigmax.models.checks import is_traced, strings
@@ -10,9 +13,10 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.running import lanes, scanned
 from sigmax.running.backend import attempt
-from sigmax.running.edge import as_filter, prepare
+from sigmax.running.edge import Prepared, as_filter, prepare
 from sigmax.running.fusing import how, with_members
-from sigmax.running.result import PARTS, Layout, Result
+from sigmax.running.layout import Layout
+from sigmax.running.result import PARTS, Result
 
 
 def run(
@@ -54,7 +58,7 @@ def run(
             the run is no error but data: `result.ok`, `result.faults()`.
     """
     chosen = as_filter(filter)
-    keep = strings("keep", keep)
+    keep = strings("keep", keep, ordered=False)
     for part in keep:
         if part not in PARTS:
             raise unknown("part of a result", part, PARTS)
@@ -81,4 +85,19 @@ def run(
         stored_log_likelihood=parts.get("step_log_likelihood"),
         stored_count=parts.get("dof"),
         stored_total=total,
+        **_steps_taken(ready, kept),
     )
+
+
+def _steps_taken(ready: Prepared, kept: Collection[str]) -> dict[str, Any]:
+    """A copy of intervals and inputs for what can be smoothed; views of it for each track where there are tracks."""
+    if not {"mean", "factor", "fault"} <= set(kept):
+        return {}
+    array: Any = jnp if is_traced((ready.dt, ready.inputs)) else np
+    tracks = () if ready.batch is None else (ready.batch,)
+    return {
+        "stored_dt": array.broadcast_to(array.array(ready.dt), (*tracks, ready.dt.shape[-1])),
+        "stored_inputs": None
+        if ready.inputs is None
+        else array.broadcast_to(array.array(ready.inputs), (*tracks, *ready.inputs.shape[-2:])),
+    }

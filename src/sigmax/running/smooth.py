@@ -16,7 +16,8 @@ from sigmax.running import lanes
 from sigmax.running.backend import attempt
 from sigmax.running.current import current_model
 from sigmax.running.edge import as_filter, cast, laid_out_steps
-from sigmax.running.result import Layout, Result, Smoothed
+from sigmax.running.layout import Layout
+from sigmax.running.result import Result, Smoothed
 from sigmax.running.scanned import batch_first, batch_last
 from sigmax.running.smooth_step import back
 
@@ -26,7 +27,7 @@ def smooth(
     model: Model,
     result: Result,
     *,
-    dt: Any = 1.0,
+    dt: Any = None,
     inputs: Any = None,
     backend: str | None = None,
 ) -> Smoothed:
@@ -39,15 +40,15 @@ def smooth(
         filter: the filter of the run.
         model: the model of the run.
         result: what `run` gave, with mean, factor and fault kept.
-        dt: as given to the run; the first is not read, and may be left out.
-        inputs: as given to the run.
+        dt: as given to the run, from which it is taken where it is left out; the first is not read.
+        inputs: the same.
         backend: as in `run`.
 
     Returns:
         Smoothed estimates; where a step could not be smoothed, the filtered estimate and a fault.
 
     Raises:
-        InputError: where dt or inputs do not fit the result, or a part of it was not kept.
+        InputError: where filter, model, dt or inputs are not those of the run, or a part of it was not kept.
     """
     model = current_model(model)
     if not isinstance(result, Result):
@@ -55,10 +56,16 @@ def smooth(
     chosen = as_filter(filter).on(model.biases)
     kept = result.kept()
     dtype = kept[0].dtype
-    elapsed, u = laid_out_steps(model, dt, inputs, kept[0].shape[-2], dtype)
+    _check_layout(model, result.layout, chosen.form.bias_first)
+    steps = kept[0].shape[-2]
+    elapsed, u = laid_out_steps(
+        model, result.dt if dt is None else dt, result.inputs if inputs is None else inputs, steps, dtype
+    )
+    if dt is not None:
+        _check_same("dt", elapsed, result.stored_dt, 1)
+    if inputs is not None:
+        _check_same("inputs", u, result.stored_inputs, 2)
     model = cast(model.placed(chosen.form.bias_first), dtype)
-    if Layout.of(model, result.layout.batched) != result.layout._replace(fusion=()):
-        raise InputError("model and filter are not those of the run: state and bias stand in another order")
     traced = is_traced((kept, model, elapsed, u))
 
     def with_xla() -> Any:
@@ -70,6 +77,31 @@ def smooth(
 
     made = attempt(backend, traced, lambda: lanes.smoothed(chosen, model, kept, elapsed, u), with_xla)
     return Smoothed(result.layout, *made)
+
+
+def _check_layout(model: Model, ran: Layout, bias_first: bool) -> None:
+    """Refuse a model of other components than the run, and a filter that carries them in another order."""
+    here = Layout.of(model.placed(bias_first), ran.batched)
+    for what, ours, theirs in (("state", here.state, ran.state), ("bias", here.bias, ran.bias)):
+        if ours != theirs:
+            raise InputError(f"the model is not that of the run: its {what} is {list(ours)}, of the run {list(theirs)}")
+    if here.angular != ran.angular:
+        marked = [name for name, angle in zip(ran.state, ran.angular, strict=True) if angle]
+        raise InputError(f"the model is not that of the run, whose angles are {marked}")
+    if here.several != ran.several:
+        raise InputError("the model is not that of the run: one has a sensor, the other several by name")
+    if here != ran._replace(fusion=()):
+        raise InputError("model and filter are not those of the run: state and bias stand in another order")
+
+
+def _check_same(what: str, given: Any, ran: Any, core: int) -> None:
+    """Refuse steps other than those of the run, as far as they are known; the first is not read."""
+    if ran is None or is_traced((given, ran)):
+        return
+    ours, theirs = (np.delete(np.asarray(a), 0, -core) for a in (given, ran))
+    # One for all tracks, or one for each; in other units of time the last digits may have been rounded another way.
+    if ours.shape != theirs.shape[-ours.ndim :] or not np.allclose(ours, theirs, rtol=1e-6, atol=0):
+        raise InputError(f"{what} must be those of the run, from which they are taken where {what}= is left out")
 
 
 def _backwards(

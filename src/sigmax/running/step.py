@@ -71,8 +71,9 @@ _MESSAGES = {
         "or a covariance larger than its variances allow"
     ),
     Fault.CORRECTION_INDEFINITE: (
-        "the innovation has no variance, or the corrected state is not finite; R is 0 where nothing uncertain is "
-        "measured: give it the variance of the sensor's last digit, or NaN for the measurement"
+        "the innovation has no variance, or the corrected state or the NIS is not finite; R is 0 where nothing "
+        "uncertain is measured, or the measurement is far beyond all reason: give R the variance of the "
+        "sensor's last digit, or NaN for the measurement"
     ),
 }
 
@@ -153,7 +154,8 @@ def correct(
     factor = raised(done.factor, ROUNDING * eps * jnp.abs(S).sum(1))
     new = _in_domain(model, Belief(wrap(x + done.shift, model.joint_angular), factor))
     diagonal = jnp.stack([done.innovation_factor[i, i] for i in range(z.shape[0])])
-    sound = done.sound & (diagonal > 0).all(0) & _finite(new.mean, new.factor)
+    nis = (done.whitened**2).sum(0)
+    sound = done.sound & (diagonal > 0).all(0) & _finite(new.mean, new.factor) & jnp.isfinite(nis)
     fault = _first(
         (~_finite(innovation, line.slope, line.residual), Fault.SENSOR_NOT_FINITE),
         (~noise_sound, Fault.SENSOR_NOISE_INDEFINITE),
@@ -162,7 +164,6 @@ def correct(
     )
     count = seen.sum(0)
     used = (count > 0) & (fault <= 0)
-    nis = (done.whitened**2).sum(0)
     volume = jnp.log(jnp.where(diagonal > 0, diagonal, 1)).sum(0)
     told = Innovation(
         residual=jnp.where(seen, innovation, jnp.nan),
