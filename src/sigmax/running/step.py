@@ -71,9 +71,9 @@ _MESSAGES = {
         "or a covariance larger than its variances allow"
     ),
     Fault.CORRECTION_INDEFINITE: (
-        "the innovation has no variance, or the corrected state or the NIS is not finite; R is 0 where nothing "
-        "uncertain is measured, or the measurement is far beyond all reason: give R the variance of the "
-        "sensor's last digit, or NaN for the measurement"
+        "the innovation has no variance, or the corrected state or the NIS is not finite: the measurement is beyond "
+        "all reason; or R is 0 where nothing uncertain is measured: give it the "
+        "variance of the sensor's last digit, or NaN for the measurement"
     ),
 }
 
