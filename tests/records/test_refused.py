@@ -171,7 +171,7 @@ def test_a_parquet_file_that_is_cut_off_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("code", "words"),
     [
-        ("def other(x, dt): return x", "unknown function of mine.py 'motion'; known: other"),
+        ("def other(x, dt): return x", "unknown function of mine.py 'motion'; known: 'other'"),
         ("def motion(x, dt) return x", "mine.py, line 1"),
         ("import does_not_exist", "mine.py fails at line 1: ModuleNotFoundError"),
         ("raise SystemExit(3)", "mine.py fails at line 1: SystemExit"),
