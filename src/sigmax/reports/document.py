@@ -1,4 +1,4 @@
-"""A page with figures: everything in one file that opens without a network."""
+"""The pages' parts: a document with figures in one file that opens without a network, and what stands in it."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -8,12 +8,13 @@ from typing import Any
 
 from plotly.offline import get_plotlyjs
 
+from sigmax.filters import Filter
 from sigmax.reports.figures.draw import Figure
 
 
 def document(title: str, about: str, sections: Sequence[str], figures: Mapping[str, Figure]) -> str:
     """A page of sections in HTML; places made by `place` are filled with the figures of their names."""
-    data = within_script(figures)
+    drawn = within_script(figures)
     here = files("sigmax.reports")
     css, js = (here.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
     return f"""<!doctype html>
@@ -32,7 +33,7 @@ def document(title: str, about: str, sections: Sequence[str], figures: Mapping[s
 {"".join(sections)}
 </main>
 <script>{get_plotlyjs()}</script>
-<script id="figures" type="application/json">{data}</script>
+<script id="figures" type="application/json">{drawn}</script>
 <script>{js}</script>
 </body>
 </html>
@@ -82,3 +83,63 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     head = "".join(f"<th>{escape(h)}</th>" for h in heads)
     body = "".join(f"<tr>{cells(row)}</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def lead(headline: str, sentences: Sequence[str], tone: str = "", body: str = "") -> str:
+    """The verdict of a page: what it says first, a body in HTML, and what it stands on.
+
+    Args:
+        headline: the one sentence.
+        sentences: a list under it.
+        tone: "" where something can be recommended, "open" where more data may tell, "none" where nothing can.
+        body: what stands between the two.
+    """
+    return (
+        f'<section class="{f"verdict {tone}".strip()}"><p class="lead">{escape(headline)}</p>'
+        f"{body}{listed(sentences)}</section>"
+    )
+
+
+def listed(sentences: Sequence[str], css: str = "") -> str:
+    """Sentences as a list; nothing where there are none."""
+    items = "".join(f"<li>{escape(s)}</li>" for s in sentences)
+    return f"<ul{f' class={css}' if css else ''}>{items}</ul>" if items else ""
+
+
+def dotted(label: str, colour: str) -> str:
+    """A name with the colour it has in the figures."""
+    return f'<span><span class="dot" style="background:{colour}"></span>{escape(label)}</span>'
+
+
+def graded(word: str, css: str = "bad") -> str:
+    """A word in the colour of "good", "near" or "bad"."""
+    return f'<span class="{css}">{escape(word)}</span>'
+
+
+def small(value: str, note: str) -> str:
+    """A value with a note below it."""
+    return f'<span>{value}<span class="small">{escape(note)}</span></span>'
+
+
+def filters(heads: Sequence[str], rows: Sequence[Sequence[str]], rules: Sequence[str]) -> str:
+    """The table of filters, and the rules by which it is read."""
+    reading = "".join(f"<p>{escape(rule)}</p>" for rule in rules)
+    how = f'<details class="quiet"><summary>How to read this</summary>{reading}</details>'
+    return section("Filters", "", table(heads, rows) + how)
+
+
+def settings(rows: Sequence[tuple[str, str]], about: str = "") -> str:
+    """What was set, by name."""
+    items = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in rows)
+    return section("Settings", about, f"<dl>{items}</dl>")
+
+
+def parts(filter: Filter) -> str:
+    """What a filter is made of, in words."""
+    return f"prediction {filter.predict}, correction {filter.correct}, form {filter.form.name}"
+
+
+def data(source: str, licence: str, notes: Sequence[str]) -> str:
+    """Where the data come from, and what a reader should know of them."""
+    terms = f"; {escape(licence)}" if licence else ""
+    return section("Data", "", f"<p>{escape(source)}{terms}.</p>{listed(notes, 'notes')}")

@@ -10,7 +10,20 @@ import sigmax
 from sigmax.algebra.factor import Diagonal
 from sigmax.models.noise import Noise
 from sigmax.records import Outcome, Record
-from sigmax.reports.document import choices, document, place, section, table
+from sigmax.reports.document import (
+    choices,
+    data,
+    document,
+    dotted,
+    filters,
+    graded,
+    lead,
+    parts,
+    place,
+    section,
+    settings,
+    small,
+)
 from sigmax.reports.figures import Figure, Shown, colour, component_figure, limit, nis_figure, path_figure, shown_in
 from sigmax.reports.score import Score
 from sigmax.reports.verdict import RULES, Grade, best, grade, nis_in_words, significant, verdict
@@ -38,7 +51,10 @@ def page(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -
         if found is not None:
             figures["nis"], window = found
             sections.append(_nis(window, len(record.tracks)))
-    sections += [_settings(record, outcomes, scores), _data(record)]
+    sections += [
+        _settings(record, outcomes, scores),
+        data(record.source, record.licence, (*record.doubts, *record.notes)),
+    ]
     tracks = "" if len(record.tracks) == 1 else f"{len(record.tracks)} tracks, "
     about = f"Record {record.name}: {tracks}{int(record.steps.sum()):,} steps, {_duration(record)}."
     return document(record.title, f"{about} Tracked with sigmax {sigmax.__version__}.", sections, figures)
@@ -58,12 +74,11 @@ def _verdict(record: Record, scores: Sequence[Score]) -> str:
     if chosen is not None and chosen.constants:
         found = [_estimate(record, name, *value) for name, value in chosen.constants.items()]
         sentences = [*sentences, f"{chosen.label} found {', '.join(found)}."]
-    items = "".join(f"<li>{escape(s)}</li>" for s in sentences)
-    graded = {grade(s) for s in scores}
-    kind = "verdict" if chosen is not None and grade(chosen).believable else "verdict none"
-    if kind != "verdict" and graded & {Grade.HEAVY, Grade.CAUTIOUS, Grade.UNKNOWN}:
-        kind = "verdict open"
-    return f'<section class="{kind}"><p class="lead">{escape(headline)}</p><ul>{items}</ul></section>'
+    grades = {grade(s) for s in scores}
+    if chosen is not None and grade(chosen).believable:
+        return lead(headline, sentences)
+    unsettled = grades & {Grade.HEAVY, Grade.CAUTIOUS, Grade.UNKNOWN}
+    return lead(headline, sentences, "open" if unsettled else "none")
 
 
 def _estimate(record: Record, name: str, mean: float, deviation: float) -> str:
@@ -78,35 +93,25 @@ def _table(scores: Sequence[Score]) -> str:
     heads = ["filter", *position, "mean NIS", "run time", "faults", "covariance"]
     rows = []
     for i, s in enumerate(scores):
-        graded = grade(s)
-        label = f'<span><span class="dot" style="background:{colour(i)}"></span>{escape(s.label)}</span>'
+        label = dotted(s.label, colour(i))
         if s.failure:
-            rows.append([label, *["–"] * (len(heads) - 2), '<span class="bad">failed</span>'])
+            rows.append([label, *["–"] * (len(heads) - 2), graded("failed")])
             continue
         mean, expected = nis_in_words(s)
-        nis = f'<span>{mean}<span class="small">expected {expected}</span></span>'
-        rows.append(
-            [
-                label,
-                *([f"{significant(s.rmse_position_m)} m" if s.rmse_position_m is not None else "–"] if truth else []),
-                nis,
-                _seconds(s),
-                str(s.faults),
-                f'<span class="{_CLASS.get(graded, "bad")}">{graded.value}</span>',
-            ]
-        )
-    rules = "".join(f"<p>{escape(rule)}</p>" for rule in RULES)
-    reading = f'<details class="quiet"><summary>How to read this</summary>{rules}</details>'
-    return section("Filters", "", table(heads, rows) + reading)
+        far = [f"{significant(s.rmse_position_m)} m" if s.rmse_position_m is not None else "–"] if truth else []
+        word = graded(grade(s).value, _CLASS.get(grade(s), "bad"))
+        rows.append([label, *far, small(mean, f"expected {expected}"), _seconds(s), str(s.faults), word])
+    return filters(heads, rows, RULES)
 
 
 def _seconds(score: Score) -> str:
-    run = f"{significant(score.seconds or 0.0, 2)} s"
     if score.compile_seconds is None:
-        return f'<span>{run}<span class="small">with compiling</span></span>'
-    if score.compile_seconds < 0.05:
-        return f'<span>{run}<span class="small">compiled before</span></span>'
-    return f'<span>{run}<span class="small">+ {significant(score.compile_seconds, 2)} s compiling</span></span>'
+        note = "with compiling"
+    elif score.compile_seconds < 0.05:
+        note = "compiled before"
+    else:
+        note = f"+ {significant(score.compile_seconds, 2)} s compiling"
+    return small(f"{significant(score.seconds or 0.0, 2)} s", note)
 
 
 def _path(record: Record, advised: Score) -> str:
@@ -170,8 +175,8 @@ def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Scor
     mean, cov = np.atleast_2d(record.prior.mean)[0], np.asarray(record.prior.cov).reshape(-1, model.size, model.size)[0]
 
     def started(names: Sequence[str], mean: np.ndarray, cov: np.ndarray) -> str:
-        parts = zip(names, mean, np.sqrt(np.diag(cov)), strict=True)
-        return ", ".join(_estimate(record, str(n), m, s) for n, m, s in parts)
+        found = zip(names, mean, np.sqrt(np.diag(cov)), strict=True)
+        return ", ".join(_estimate(record, str(n), m, s) for n, m, s in found)
 
     each = " of the first track" if len(record.tracks) > 1 else ""
     rows = [(f"prior{each}", started(model.state, mean, cov)), ("noise of the motion, per second", _noise(model.Q))]
@@ -180,13 +185,10 @@ def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Scor
         rows.append(("prior of the bias", started(model.bias.names, offsets.mean, offsets.cov)))
         rows.append(("noise of the bias, per second", _noise(model.bias.Q)))
     rows += [(f"noise of {s or 'the sensor'}", _noise(R)) for s, R in model.R.items()]
-    for outcome, s in zip(outcomes, scores, strict=True):
-        f = outcome.trial.filter
-        rows.append((s.label, f"prediction {f.predict}, correction {f.correct}, form {f.form.name}"))
+    rows += [(s.label, parts(o.trial.filter)) for o, s in zip(outcomes, scores, strict=True)]
     libraries = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "plotly"))
     rows.append(("versions", f"sigmax {sigmax.__version__}, {libraries}"))
-    items = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in rows)
-    return f"<section><h2>Settings</h2><dl>{items}</dl></section>"
+    return settings(rows)
 
 
 def _noise(given: Noise) -> str:
@@ -195,9 +197,3 @@ def _noise(given: Noise) -> str:
     if callable(given):
         return "a function"
     return "covariance " + str(np.asarray(given).round(9).tolist())
-
-
-def _data(record: Record) -> str:
-    notes = "".join(f"<li>{escape(note)}</li>" for note in (*record.doubts, *record.notes))
-    source = escape(record.source) + (f"; {escape(record.licence)}" if record.licence else "")
-    return f"<section><h2>Data</h2><p>{source}.</p>{f'<ul class=notes>{notes}</ul>' if notes else ''}</section>"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import sigmax
-from sigmax.reports.document import document, place, section, table, within_script
+from sigmax.reports.document import data, document, dotted, graded, lead, place, section, table, within_script
 from sigmax.reports.figures.draw import COLOURS, MUTED, Figure, line, safe
 from sigmax.reports.followed import Followed
 from sigmax.reports.thin import stride
@@ -45,23 +45,21 @@ def _verdict(run: Followed) -> str:
     rows = []
     for i, t in enumerate(run.record.truth):
         rmse = "–" if np.isnan(q.rmse[t.name]) else f"{significant(q.rmse[t.name])} m"
-        dot = f'<span class="dot" style="background:{COLOURS[i % len(COLOURS)]}"></span>'
         tracks = ", ".join(map(str, dict.fromkeys(i for _, i, _ in q.matched[t.name]))) or "–"
-        rows.append([f"<span>{dot}{escape(t.name)}</span>", rmse, f"{q.held[t.name]:.0%}", tracks])
-    lost = "".join(
-        f"<li>{escape(x.target)} had no track from {x.start:.0f} to {x.end:.0f} s. Scans with a plot nearer to it "
+        rows.append([dotted(t.name, COLOURS[i % len(COLOURS)]), rmse, f"{q.held[t.name]:.0%}", tracks])
+    lost = [
+        f"{x.target} had no track from {x.start:.0f} to {x.end:.0f} s. Scans with a plot nearer to it "
         f"than {significant(run.record.cutoff / 2)} m, and not nearer to another target: "
-        f"{escape(', '.join(f'{s} {v:.0%}' for s, v in x.seen.items()))}.</li>"
+        f"{', '.join(f'{s} {v:.0%}' for s, v in x.seen.items())}."
         for x in run.losses[:40]
-    )
-    lead = (
+    ]
+    said = (
         f"{q.switches} switches between targets, {q.breaks} times a target went on under another number, "
         f"{q.false_tracks} false tracks ({significant(q.false_per_minute)} a minute). "
         f"Mean OSPA {significant(q.ospa)} m, GOSPA {significant(q.gospa)} m, cut off at {run.record.cutoff:g} m."
     )
     heads = ["target", "RMSE of its track", "held", "tracks"]
-    body = f'<p class="lead">{escape(lead)}</p>' + table(heads, rows)
-    return f'<section class="verdict">{body}{f"<ul>{lost}</ul>" if lost else ""}</section>'
+    return lead(said, lost, body=table(heads, rows))
 
 
 def _map(run: Followed) -> str:
@@ -184,7 +182,7 @@ def _sensors(run: Followed) -> str:
     rows = []
     for h in run.health:
         nis = "–" if np.isnan(h.nis) else significant(h.nis)
-        word = f'<span class="bad">{escape(h.words)}</span>' if h.words else '<span class="good">nothing unusual</span>'
+        word = graded(h.words) if h.words else graded("nothing unusual", "good")
         found = f"{h.found:.0f} of {h.expected:.0f}"
         rows.append([escape(h.sensor or "sensor"), str(h.scans), str(h.plots), str(h.gated), found, nis, word])
     heads = ["sensor", "scans", "plots", "in a gate", "found of expected", "NIS / components", "what the gates say"]
@@ -207,6 +205,4 @@ def _data(run: Followed) -> str:
     items += record.notes
     if record.skipped:
         items.append(f"Rows that could not be read were skipped: {'; '.join(record.skipped)}")
-    notes = "".join(f"<li>{escape(note)}</li>" for note in items)
-    source = escape(record.source) + (f"; {escape(record.licence)}" if record.licence else "")
-    return section("Data", "", f"<p>{source}.</p><ul class=notes>{notes}</ul>")
+    return data(record.source, record.licence, items)

@@ -17,7 +17,20 @@ from sigmax.reports.comparison.figures import (
 from sigmax.reports.comparison.standing import FAR, Standing, Word, standings
 from sigmax.reports.comparison.trade import trade_figure
 from sigmax.reports.comparison.verdict import RULES, facet, times, verdict
-from sigmax.reports.document import choices, document, place, section, table
+from sigmax.reports.document import (
+    choices,
+    document,
+    dotted,
+    filters,
+    graded,
+    lead,
+    parts,
+    place,
+    section,
+    settings,
+    small,
+    table,
+)
 from sigmax.reports.figures.draw import Figure
 from sigmax.reports.folder import versions
 from sigmax.reports.verdict import significant
@@ -33,8 +46,8 @@ def page(comparisons: Sequence[Comparison]) -> str:
         mark = f"{k}/" if len(comparisons) > 1 else ""
         if len(comparisons) > 1:
             sections.append(f"<h1>{escape(c.study.title)}</h1>")
-        parts, drawn = _one(c, mark)
-        sections += parts
+        told, drawn = _one(c, mark)
+        sections += told
         figures |= {mark + name: figure for name, figure in drawn.items()}
     first = comparisons[0]
     title = first.study.title if len(comparisons) == 1 else f"{len(comparisons)} studies"
@@ -60,16 +73,14 @@ _CLASS = {Word.SOUND: "good", Word.NOT_JUDGED: "", Word.CAUTIOUS: "near", Word.U
 
 def _verdict(c: Comparison, found: Sequence[Standing]) -> str:
     headline, sentences = verdict(c)
-    items = "".join(f"<li>{escape(s)}</li>" for s in sentences)
     words = {s.word for s in found}
-    kind = "verdict" if words & {Word.SOUND, Word.NOT_JUDGED} else "verdict none"
-    if kind != "verdict" and words & {Word.CAUTIOUS, Word.UNKNOWN}:
-        kind = "verdict open"
-    return f'<section class="{kind}"><p class="lead">{escape(headline)}</p><ul>{items}</ul></section>'
+    if words & {Word.SOUND, Word.NOT_JUDGED}:
+        return lead(headline, sentences)
+    return lead(headline, sentences, "open" if words & {Word.CAUTIOUS, Word.UNKNOWN} else "none")
 
 
 def _named(c: Comparison, name: str) -> str:
-    return f'<span><span class="dot" style="background:{shade(c, name)}"></span>{escape(name)}</span>'
+    return dotted(name, shade(c, name))
 
 
 def _table(c: Comparison, found: Sequence[Standing]) -> str:
@@ -77,7 +88,7 @@ def _table(c: Comparison, found: Sequence[Standing]) -> str:
     heads = ["filter", f"RMSE / {to}", f"median / {to}", "cost / EKF", "lost", "far off", "outside 95 %", "verdict"]
     rows = []
     for s in found:
-        word = f'<span class="{_CLASS.get(s.word, "bad")}">{s.word.value}</span>'
+        word = graded(s.word.value, _CLASS.get(s.word, "bad"))
         if s.failure:
             rows.append([_named(c, s.name), *["–"] * 6, word])
             continue
@@ -88,22 +99,20 @@ def _table(c: Comparison, found: Sequence[Standing]) -> str:
                 times(s.distance),
                 times(s.middle),
                 "–" if s.cost is None else significant(s.cost),
-                f'<span class="bad">{lost}</span>' if s.word is Word.LOSSY else lost,
+                graded(lost) if s.word is Word.LOSSY else lost,
                 "–" if s.honest is None else f"{s.honest.far:.0%}",
                 _outside(c, s),
                 word,
             ]
         )
-    rules = "".join(f"<p>{escape(rule)}</p>" for rule in RULES)
-    reading = f'<details class="quiet"><summary>How to read this</summary>{rules}</details>'
-    return section("Filters", "", table(heads, rows) + reading)
+    return filters(heads, rows, RULES)
 
 
 def _outside(c: Comparison, s: Standing) -> str:
     """How often the truth is outside of the claimed 95 % region, where that is worst, on average over time."""
     if s.honest is None or s.outside is None:
         return "–"
-    return f'<span>{s.outside:.0%}<span class="small">{escape(facet(s.honest.worst, c))}</span></span>'
+    return small(f"{s.outside:.0%}", facet(s.honest.worst, c))
 
 
 def _trade(found: Sequence[Standing], mark: str) -> str:
@@ -116,14 +125,14 @@ def _trade(found: Sequence[Standing], mark: str) -> str:
     )
 
 
-def _components(c: Comparison) -> list[tuple[str, str]]:
+def _component_options(c: Comparison) -> list[tuple[str, str]]:
     return [(str(i), label(c, i)) for i in range(c.study.model.size)]
 
 
 def _curves(c: Comparison, mark: str) -> str:
     asked = choices(
         ("measure", "show", list(CURVES.items()), "rmse"),
-        ("component", "of", _components(c), "0"),
+        ("component", "of", _component_options(c), "0"),
     )
     said = "Over all runs, the lost ones too; touch a point for its Monte Carlo error."
     if c.no_bound:
@@ -154,7 +163,7 @@ def _histograms(c: Comparison, mark: str) -> str:
     times = [(str(t), f"{significant(float(c.study.time[step]))} s") for t, step in enumerate(c.by.look)]
     asked = choices(
         ("filter", "filter", [(str(k), name) for k, name in enumerate(names)], "0"),
-        ("component", "component", _components(c), "0"),
+        ("component", "component", _component_options(c), "0"),
         ("time", "at", times, times[0][0]),
     )
     return section(
@@ -212,13 +221,6 @@ def _settings(c: Comparison) -> str:
         ("detection", ", ".join(f"{s or 'sensor'} {p:g}" for s, p in study.detections.items())),
         ("prior", f"{', '.join(significant(float(v), 6) for v in study.prior.mean)}; σ {deviation} (SI, radians)"),
     ]
-    rows += [(name, str(_parts(c, name))) for name in c.filters]
+    rows += [(name, parts(c.filters[name])) for name in c.filters]
     rows += [("versions", ", ".join(f"{k} {v}" for k, v in versions().items())), ("took", f"{c.seconds:.1f} s")]
-    listed = "".join(f"<dt>{escape(str(k))}</dt><dd>{escape(v)}</dd>" for k, v in rows)
-    about = " ".join(escape(text) for text in study.about)
-    return section("Settings", about, f"<dl>{listed}</dl>")
-
-
-def _parts(c: Comparison, name: str) -> str:
-    f = c.filters[name]
-    return f"prediction {f.predict}, correction {f.correct}, form {f.form.name}"
+    return settings(rows, " ".join(escape(text) for text in study.about))
