@@ -6,30 +6,40 @@ import stat
 from pathlib import Path
 
 
-def stranger(path: Path) -> str:
+def stranger(path: Path, root: Path | None = None) -> str:
     """Why somebody else could have written what lies at a path, in words; empty where only the user and root can.
 
     The file or folder and every folder above it count, as a folder lets its owner exchange what is in it. One above
     with the sticky bit, such as /tmp, lets others add files but not exchange ours. A group in which the user is
     alone counts as the user. Links are followed. On systems without owners of files the answer is empty.
+
+    Args:
+        path: of the file or folder; where there is none, those above it count.
+        root: a folder above that is the user's alone, its path without links: the question ends there, and neither a
+            group, nor a sticky bit, nor a link excuses anything.
     """
     if not hasattr(os, "geteuid"):
         return ""
     real = path.resolve()
+    if root is not None and real != path:
+        return f"{path} is a link, or lies behind one"
     for place in (real, *real.parents):
         with contextlib.suppress(FileNotFoundError):
-            if said := _stranger(place, place.stat(), above=place != real):
+            if said := _stranger(place, place.stat(), place != real, root is not None):
                 return said
+        if place == root:
+            break
     return ""
 
 
-def _stranger(place: Path, known: os.stat_result, above: bool) -> str:
+def _stranger(place: Path, known: os.stat_result, above: bool, strict: bool) -> str:
     if known.st_uid not in (0, os.geteuid()):
         return f"{place} belongs to another user ({_user(known.st_uid)})"
-    sticky = above and known.st_mode & stat.S_ISVTX
+    sticky = above and not strict and known.st_mode & stat.S_ISVTX
     if known.st_mode & stat.S_IWOTH and not sticky:
         return f"{place} can be written by every user"
-    if known.st_mode & stat.S_IWGRP and not sticky and known.st_gid != 0 and not _alone_in(known.st_gid):
+    trusted = not strict and (known.st_gid == 0 or _alone_in(known.st_gid))
+    if known.st_mode & stat.S_IWGRP and not sticky and not trusted:
         return f"{place} can be written by the group {_group(known.st_gid)}"
     return ""
 

@@ -4,7 +4,6 @@ import ctypes
 import hashlib
 import os
 import shutil
-import stat
 import subprocess
 import tempfile
 import threading
@@ -16,6 +15,7 @@ import platformdirs
 
 from sigmax.native.machine import NARROWEST, compiler, cores, lane_bytes, processor
 from sigmax.native.refusal import say_once
+from sigmax.ownership import stranger
 from sigmax.signals import undone_by_signal
 
 # Without errno and traps compilers may use vector instructions; NaN and infinity keep their meaning.
@@ -50,9 +50,9 @@ def cache_folder() -> Path | None:
         folder = folder.resolve()
         with tempfile.TemporaryFile(dir=folder):
             pass
-        if is_ours(folder, folder):
+        reason = stranger(folder, folder)
+        if not reason:
             return folder
-        reason = "other users may write in it"
     except OSError as error:
         reason = error.strerror or str(error)
     _tell(folder, reason)
@@ -61,19 +61,6 @@ def cache_folder() -> Path | None:
 
 def _tell(place: Path, reason: str) -> None:
     say_once(f"sigmax does not use {place} and compiles for this process alone: {reason}")
-
-
-def is_ours(path: Path, root: Path) -> bool:
-    """Whether nobody but this user and the system's could have written a file, or folder, in a folder `root`."""
-    if not hasattr(os, "getuid"):
-        return True
-    for part in (path, *path.parents):
-        about = part.lstat()
-        if about.st_uid not in (os.getuid(), 0) or about.st_mode & 0o022 or stat.S_ISLNK(about.st_mode):
-            return False
-        if part == root:
-            return True
-    return False
 
 
 @cache
@@ -161,7 +148,7 @@ def remembered(name: str) -> str | None:
     root = _folder()
     path = root / name[:2] / f"{name}.c"
     try:
-        if not is_ours(path, root):
+        if stranger(path, root):
             return None
         digest, _, source = path.read_text(encoding="utf-8").partition("\n")
         os.utime(path)
@@ -192,8 +179,8 @@ def _kept(root: Path, key: str) -> Path | None:
     """The library of this key whose content is what its name says."""
     for path in (root / key[:2]).glob(f"{key}-*.so"):
         try:
-            if not is_ours(path, root):
-                say_once(f"sigmax does not load {path}: other users may write it")
+            if who := stranger(path, root):
+                say_once(f"sigmax does not load {path}: {who}")
             elif path.stem.endswith(_digest(path.read_bytes())):
                 os.utime(path)
                 return path
@@ -206,8 +193,8 @@ def _compiled(root: Path, key: str, source: str, settings: tuple[str, ...]) -> P
     found, folder = compiler(), root / key[:2]
     assert found is not None
     folder.mkdir(mode=_OURS, exist_ok=True)
-    if not is_ours(folder, root):
-        raise PermissionError("other users may write in it")
+    if who := stranger(folder, root):
+        raise PermissionError(who)
     with tempfile.TemporaryDirectory(dir=folder) as work, undone_by_signal(partial(shutil.rmtree, work)):
         made = Path(work) / "step.so"
         command = [*found.command, *_FLAGS, *settings, f"-I{_HERE}", "-x", "c", "-", "-o", str(made), "-lm"]

@@ -13,20 +13,12 @@ from sigmax.native.interpret import rule
 from sigmax.native.operations import OPERATIONS
 from sigmax.native.refusal import Refused
 
-_OTHERWISE_NAMED = {
-    "add": "+",
-    "add_any": "+",
-    "sub": "-",
-    "mul": "*",
-    "neg": "negative",
-    "lt": "<",
-    "le": "<=",
-    "gt": ">",
-    "ge": ">=",
-    "eq": "==",
-    "ne": "!=",
-    "is_finite": "finite",
-}
+# Primitives by the operation they are, of numbers of any type.
+ARITHMETIC = {"add": "+", "add_any": "+", "sub": "-", "mul": "*"}
+COMPARED = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
+TOTAL = {"lt_to": "<", "le_to": "<="}
+RUNNING = {"cumsum": "+", "cumprod": "*", "cummax": "max", "cummin": "min"}
+_OTHERWISE_NAMED = ARITHMETIC | COMPARED | {"neg": "negative", "is_finite": "finite"}
 # Those whose primitive means something else, or has parameters.
 _APART = {"and", "or", "xor", "not", "round", "select"}
 _DIRECT = _OTHERWISE_NAMED | {name: name for name in OPERATIONS if name.isidentifier() and name not in _APART}
@@ -42,7 +34,7 @@ def _direct(g: Graph, equation: Any, *arrays: Array) -> Array:
     name, truth = equation.primitive.name, equation.invars[0].aval.dtype == bool
     if truth and equation.outvars[0].aval.dtype == bool and name in _OF_TRUTH:
         return each(g, _OF_TRUTH[name])(*arrays)
-    if truth and name not in ("lt", "le", "gt", "ge", "eq", "ne"):
+    if truth and name not in COMPARED:
         raise Refused(f"the operation {name!r} on truth values cannot be lowered to C")
     return each(g, _DIRECT[name])(*(as_numbers(g, a) for a in arrays))
 
@@ -56,10 +48,10 @@ def as_numbers(g: Graph, a: Array) -> Array:
     return boxed(np.frompyfunc(lambda x: g.apply("select", x, one, zero) if x.truth else x, 1, 1)(a))
 
 
-@rule("lt_to", "le_to", integers=False)
+@rule(*TOTAL, integers=False)
 def _total_order(g: Graph, equation: Any, a: Array, b: Array) -> Array:
     """The order in which NaN comes after everything."""
-    plain = each(g, "<" if equation.primitive.name == "lt_to" else "<=")(a, b)
+    plain = each(g, TOTAL[equation.primitive.name])(a, b)
     last = each(g, "!=")(b, b)
     if equation.primitive.name == "lt_to":
         last = each(g, "and")(last, each(g, "==")(a, a))
@@ -195,14 +187,11 @@ def _reduction(g: Graph, equation: Any, a: Array) -> Array:
     return reduced(g, each(g, operation), start, a, equation.params["axes"])
 
 
-_RUNNING = {"cumsum": "+", "cumprod": "*", "cummax": "max", "cummin": "min"}
-
-
-@rule(*_RUNNING, parameters="axis reverse", integers=False)
+@rule(*RUNNING, parameters="axis reverse", integers=False)
 def _running(g: Graph, equation: Any, a: Array) -> Array:
     if equation.invars[0].aval.dtype == bool:
         raise Refused(f"the operation {equation.primitive.name!r} on truth values cannot be lowered to C")
-    combine = each(g, _RUNNING[equation.primitive.name])
+    combine = each(g, RUNNING[equation.primitive.name])
     return running(combine, a, equation.params["axis"], equation.params["reverse"])
 
 

@@ -5,7 +5,18 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.native.elementwise import as_numbers, each, multiplied_out, product, reduced, running
+from sigmax.native.elementwise import (
+    ARITHMETIC,
+    COMPARED,
+    RUNNING,
+    TOTAL,
+    as_numbers,
+    each,
+    multiplied_out,
+    product,
+    reduced,
+    running,
+)
 from sigmax.native.graph import Array, Graph, boxed
 from sigmax.native.integers import (
     bounded,
@@ -28,12 +39,9 @@ def _out(equation: Any) -> Any:
     return equation.outvars[0].aval.dtype
 
 
-_ARITHMETIC = {"add": "+", "add_any": "+", "sub": "-", "mul": "*"}
-
-
-@rule(*_ARITHMETIC, integers=True)
+@rule(*ARITHMETIC, integers=True)
 def _plain(g: Graph, equation: Any, a: Array, b: Array) -> Array:
-    return each_integer(g, _ARITHMETIC[equation.primitive.name], _out(equation))(a, b)
+    return each_integer(g, ARITHMETIC[equation.primitive.name], _out(equation))(a, b)
 
 
 @rule("neg", integers=True)
@@ -52,18 +60,7 @@ def _sign(g: Graph, equation: Any, a: Array) -> Array:
     return np.frompyfunc(lambda x: g.apply("sign", g.certain(x)), 1, 1)(a)
 
 
-_COMPARED = {
-    "lt_to": "<",
-    "le_to": "<=",
-    "lt": "<",
-    "le": "<=",
-    "gt": ">",
-    "ge": ">=",
-    "eq": "==",
-    "ne": "!=",
-    "max": "max",
-    "min": "min",
-}
+_COMPARED = COMPARED | TOTAL | {"max": "max", "min": "min"}
 
 
 @rule(*_COMPARED, integers=True)
@@ -181,12 +178,9 @@ def _arg(g: Graph, equation: Any, a: Array) -> Array:
     return boxed(place)
 
 
-_RUNNING = {"cumsum": "+", "cumprod": "*", "cummax": "max", "cummin": "min"}
-
-
-@rule(*_RUNNING, parameters="axis reverse", integers=True)
+@rule(*RUNNING, parameters="axis reverse", integers=True)
 def _running(g: Graph, equation: Any, a: Array) -> Array:
-    combine = np.frompyfunc(combining(g, _RUNNING[equation.primitive.name], _out(equation)), 2, 1)
+    combine = np.frompyfunc(combining(g, RUNNING[equation.primitive.name], _out(equation)), 2, 1)
     return running(combine, a, equation.params["axis"], equation.params["reverse"])
 
 
