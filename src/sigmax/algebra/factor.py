@@ -119,10 +119,10 @@ def tria(A: jax.Array) -> jax.Array:
     return reflected(A)[0]
 
 
-def reflected(A: jax.Array) -> tuple[jax.Array, list[Mirror]]:
-    """`tria(A)` and the reflections that make it: A U = [L, 0]."""
+def reflected(A: jax.Array, rows: int | None = None) -> tuple[jax.Array, list[Mirror]]:
+    """`tria(A)` and its reflections, A U = [L, 0]; of k columns and k = `rows` those rows alone, L (r, k, ...)."""
     columns, mirrors = [], []
-    for _ in range(A.shape[0]):
+    for _ in range(A.shape[0] if rows is None else rows):
         row, below = A[0], A[1:]
         squared = (row * row).sum(0)
         norm, nonzero = safe_sqrt(squared)
