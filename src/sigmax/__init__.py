@@ -21,7 +21,7 @@ _HOME = {
     "sigmax.algebra.arrays": ("wrap",),
     "sigmax.errors": ("InputError",),
     "sigmax.export": ("export_c",),
-    "sigmax.filters": ("Filter", "catalogue", "get", "names"),
+    "sigmax.filters": ("Filter", "catalogue", "get", "iterated", "names", "once", "robust"),
     "sigmax.forms": ("Form",),
     "sigmax.models": (
         "Bias",
@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from sigmax.algebra.arrays import wrap
     from sigmax.errors import InputError
     from sigmax.export import export_c
-    from sigmax.filters import Filter, catalogue, get, names
+    from sigmax.filters import Filter, catalogue, get, iterated, names, once, robust
     from sigmax.forms import Form
     from sigmax.models import (
         Bias,
@@ -122,12 +122,15 @@ __all__ = [
     "forms",
     "fused",
     "get",
+    "iterated",
     "load_studies",
     "motions",
     "names",
+    "once",
     "opaque",
     "records",
     "reports",
+    "robust",
     "rules",
     "run",
     "sensors",

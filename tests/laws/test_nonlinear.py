@@ -45,16 +45,16 @@ def test_turning_every_angle_turns_the_answer(name):
 
 
 @cache
-def by_the_book(predict, correct):
+def by_the_book(predict, correct, update):
     """The same four tracks by the textbook's equations."""
-    return turned(sigmax.Filter(predict, correct, textbook(False)), "xla")
+    return turned(sigmax.Filter(predict, correct, textbook(False), update=update), "xla")
 
 
 @pytest.mark.parametrize("name", sigmax.names()[1:])
 def test_every_form_is_the_covariance_form(name):
     """Whatever is turned, taken in two or added as information: P = E Eᵀ + Q, K = P_xy P_yy⁻¹ and P − K P_yy Kᵀ."""
     filter = made(name)
-    off_mean, off_cov = scaled_gap(turned(filter), by_the_book(filter.predict, filter.correct))
+    off_mean, off_cov = scaled_gap(turned(filter), by_the_book(filter.predict, filter.correct, filter.update))
     assert off_mean < 1e-10
     assert off_cov < 1e-10
 

@@ -129,3 +129,8 @@ class Lifted:
     def single(self) -> list[jax.ShapeDtypeStruct]:
         """Shapes and types of the arguments for one member of the batch."""
         return [jax.ShapeDtypeStruct(jnp.shape(v)[:core], jnp.result_type(v)) for v, core in self.arguments]
+
+
+def diagonal(M: jax.Array) -> jax.Array:
+    """The diagonal (n, ...) of M (n, n, ...)."""
+    return jnp.stack([M[i, i] for i in range(len(M))])

@@ -1,6 +1,25 @@
-"""Filters: a rule for the prediction, a rule for the correction, a form; and their catalogue."""
+"""Filters: a rule for the prediction, a rule for the correction, a form, an update; and their catalogue."""
 
 from sigmax.filters.catalogue import Entry, catalogue, get, names
 from sigmax.filters.filter import Filter
+from sigmax.filters.update import Update, iterated, named, once, robust
+from sigmax.filters.weights import WEIGHTS, Gate, Huber, Student, Weighed, Weight
 
-__all__ = ["Entry", "Filter", "catalogue", "get", "names"]
+__all__ = [
+    "WEIGHTS",
+    "Entry",
+    "Filter",
+    "Gate",
+    "Huber",
+    "Student",
+    "Update",
+    "Weighed",
+    "Weight",
+    "catalogue",
+    "get",
+    "iterated",
+    "named",
+    "names",
+    "once",
+    "robust",
+]

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from sigmax.errors import InputError, unknown
 from sigmax.filters.filter import Filter
 from sigmax.filters.parameters import fitted
+from sigmax.filters.update import Update, iterated, named, once
 from sigmax.forms import Form, block, covariance, information, root_information, square_root, two_stage
 from sigmax.rules import (
     Marginal,
@@ -28,16 +29,17 @@ FormMaker = Callable[..., Form]
 
 
 class Entry(NamedTuple):
-    """One line of the catalogue: two makers of rules, one of a form, and what the filter is."""
+    """One line of the catalogue: two makers of rules, one of a form, what the filter is, and its update."""
 
     predict: RuleMaker
     correct: RuleMaker
     form: FormMaker
     about: str
+    update: Update = once
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """The parameters of the entry with their defaults."""
+        """The parameters of rules and form with their defaults; `update` is one of every filter."""
         makers = (self.predict, self.correct, self.form)
         return {name: p.default for make in makers for name, p in inspect.signature(make).parameters.items()}
 
@@ -200,6 +202,8 @@ _ENTRIES: dict[str, Entry] = {
     "MTSHCKF": Entry(_M5, _M5, _P, "cubature of degree 5 on the state alone, the bias integrated exactly"),
     "MTSCIF": Entry(_M3, _M3, _Y, "cubature information on the state alone"),
     "MTSHCIF": Entry(_M5, _M5, _Y, "cubature information of degree 5 on the state alone"),
+    "IEKF": Entry(_T1, _T1, _P, "iterated extended: the sensor linearised again about the posterior", iterated()),
+    "IPLF": Entry(_U, _U, _P, "iterated posterior linearisation: unscented about the posterior", iterated()),
 }
 
 
@@ -213,8 +217,10 @@ def names() -> tuple[str, ...]:
     return tuple(_ENTRIES)
 
 
-def get(name: str, **parameters: Any) -> Filter:
-    """The filter of a name, such as `get("SRUKFB", alpha=0.45, beta=2, kappa=-2)`.
+def get(name: str, *, update: Update | str | None = None, **parameters: Any) -> Filter:
+    """The filter of a name, such as `get("SRUKFB", alpha=0.45, beta=2, kappa=-2)` or `get("EKF", update="student")`.
+
+    An update is one such as `iterated(5)`, or its name; without one it is that of the catalogue.
 
     Raises:
         InputError: for a name or a parameter that is not known, with the nearest ones that are.
@@ -222,11 +228,11 @@ def get(name: str, **parameters: Any) -> Filter:
     for parameter, value in parameters.items():
         if not isinstance(value, Hashable):
             raise InputError(f"{parameter} must be one value; it is {type(value).__name__}")
-    return _made(str(name), tuple(parameters.items()))
+    return _made(str(name), None if update is None else named(update), tuple(parameters.items()))
 
 
 @lru_cache(maxsize=256)
-def _made(name: str, given: tuple[tuple[str, Any], ...]) -> Filter:
+def _made(name: str, update: Update | None, given: tuple[tuple[str, Any], ...]) -> Filter:
     parameters = dict(given)
     folded = {known.casefold(): known for known in _ENTRIES}
     if str(name).casefold() not in folded:
@@ -235,7 +241,7 @@ def _made(name: str, given: tuple[tuple[str, Any], ...]) -> Filter:
     entry = _ENTRIES[found]
     for parameter in parameters:
         if parameter not in entry.parameters:
-            takes = ", ".join(entry.parameters) or "no parameters"
+            takes = ", ".join([*entry.parameters, "update"])
             raise InputError(f"{found} has no parameter {parameter!r}; it takes {takes}")
     makers = (entry.predict, entry.correct, entry.form)
     kinds = {k: p.annotation for make in makers for k, p in inspect.signature(make).parameters.items()}
@@ -245,6 +251,9 @@ def _made(name: str, given: tuple[tuple[str, Any], ...]) -> Filter:
         wanted = inspect.signature(maker).parameters
         return maker(**{k: v for k, v in parameters.items() if k in wanted})
 
-    said = ", ".join(f"{k}={v}" for k, v in parameters.items())
+    chosen = entry.update if update is None else update
+    shown = parameters if chosen == entry.update else parameters | {"update": chosen}
+    said = ", ".join(f"{k}={v}" for k, v in shown.items())
     label = f"{found}({said})" if said else found
-    return Filter(make(entry.predict), make(entry.correct), make(entry.form), label, linear=found == "KF")
+    parts = make(entry.predict), make(entry.correct), make(entry.form)
+    return Filter(*parts, label, linear=found == "KF", update=chosen)

@@ -1,9 +1,10 @@
-"""A filter is three parts; any combination works."""
+"""A filter is four parts; any combination works."""
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 
 from sigmax.errors import InputError
+from sigmax.filters.update import Update, once
 from sigmax.forms.form import Form
 from sigmax.rules.linearization import Rule
 from sigmax.rules.marginal import Marginal
@@ -19,6 +20,7 @@ class Filter:
         form: how the covariance is carried.
         name: as it stands in tables.
         linear: refuse models that are not linear.
+        update: how a measurement corrects: once, iterated, or by weights.
     """
 
     predict: Rule
@@ -26,6 +28,7 @@ class Filter:
     form: Form
     name: str = "unnamed"
     linear: bool = False
+    update: Update = once
 
     def __post_init__(self) -> None:
         for what, rule in (("predict", self.predict), ("correct", self.correct)):
@@ -33,6 +36,11 @@ class Filter:
                 raise InputError(f"{what} must be a rule such as sigmax.Taylor1(), hashable; it is {_said(rule)}")
         if not isinstance(self.form, Form):
             raise InputError(f"form must be a sigmax.Form such as sigmax.forms.block; it is {_said(self.form)}")
+        if not isinstance(self.update, Update):
+            raise InputError(
+                f"update must be one such as sigmax.once, sigmax.iterated(3) or sigmax.robust('student'); "
+                f"it is {_said(self.update)}"
+            )
 
     def on(self, biases: int) -> "Filter":
         """The filter as it runs on a model with so many biases: parts that treat them apart are told how many.

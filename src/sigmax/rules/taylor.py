@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,9 @@ from sigmax.rules.linearization import Function, Linearization, slope_of
 @dataclass(frozen=True)
 class Taylor1:
     """First order: the rule of the extended Kalman filter. One evaluation and n derivatives."""
+
+    # The line is that at x̂, however far S reaches.
+    local: ClassVar[bool] = True
 
     def __call__(self, g: Function, x: jax.Array, S: jax.Array, angular: Sequence[bool]) -> Linearization:
         """ŷ = g(x̂), E_j = dg[s_j], nothing left over."""

@@ -12,7 +12,7 @@ from sigmax.algebra.arrays import TWO_PI, inner, product, times, wrap
 from sigmax.algebra.factor import absorb as reflect
 from sigmax.algebra.factor import cholesky, dense, identity, inverse_lower, pivoted, solve_lower, tria
 from sigmax.errors import InputError, unknown
-from sigmax.filters import Filter
+from sigmax.filters import Filter, once
 from sigmax.models.checks import finite, members, numbers
 from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused
@@ -56,6 +56,7 @@ def contribution(
     time = None if time is None else float(numbers("time", time))
     seen = ~np.isnan(value)
     if space == "state":
+        _taken_once(live)
         if not additive(live.filter):
             raise InputError(
                 "contributions to the state add up where there is no Ω, as in EKF and EIF, or it is left out by "
@@ -114,6 +115,7 @@ def absorb(live: Live, contributions: Iterable[Contribution], *, u: Any = None) 
     if len(spaces) > 1:
         raise InputError("contributions of measurements and of the state do not add up to each other")
     if spaces == {"state"}:
+        _taken_once(live)
         _into_state(live, given)
         return None
     for c in given:
@@ -150,6 +152,14 @@ def _alone(live: Live) -> Live:
     if live.belief.mean.ndim > 1:
         raise InputError("stations exchange contributions to one track; make a filter for each")
     return live
+
+
+def _taken_once(live: Live) -> None:
+    if live.filter.update != once:
+        raise InputError(
+            f"contributions to the state are linearised where they arise and taken as they are; {live.filter.name} "
+            f'corrects by {live.filter.update}: take a filter with update=sigmax.once, or space="measurement"'
+        )
 
 
 def _reflect(model: Model, given: list[Contribution], u: Any) -> Fused:

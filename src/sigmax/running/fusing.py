@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.filters import Filter
+from sigmax.filters import Filter, once
 from sigmax.models.as_one import as_one
 from sigmax.models.checks import is_traced, numbers
 from sigmax.models.fusion import Fused, chosen, inputs_behind, name_of, put_together
@@ -17,9 +17,9 @@ from sigmax.running.step import LOG_2PI, Innovation
 
 
 def additive(filter: Filter) -> bool:
-    """Whether the contributions of sensors to the information add up: there is no Ω, or it is left out of W."""
+    """Whether the contributions of sensors to the information add up: taken once, and with no Ω in W."""
     rule = filter.correct.rule if isinstance(filter.correct, Marginal) else filter.correct
-    return not filter.form.omega or isinstance(rule, Taylor1)
+    return filter.update == once and (not filter.form.omega or isinstance(rule, Taylor1))
 
 
 def how(filter: Filter, model: Model) -> tuple[tuple[str, str], ...]:

@@ -12,7 +12,8 @@ from sigmax.filters import Filter
 from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise
 from sigmax.models.model import Model
 from sigmax.rules.linearization import Linearization
-from sigmax.running.step import ROUNDING, Fault
+from sigmax.running.step import Fault
+from sigmax.running.updating import ROUNDING
 
 State = tuple[Any, Any]  # mean (n, ...) and factor (n, n, ...)
 

@@ -8,19 +8,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import wrap
-from sigmax.algebra.factor import Matrix, add, downdate, raised, tria
+from sigmax.algebra.arrays import diagonal, wrap
+from sigmax.algebra.factor import Matrix, raised, tria
 from sigmax.filters import Filter
 from sigmax.forms import Predicted
-from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise, sensing, sensor_noise
+from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise, sensor_noise
 from sigmax.models.model import Model
 from sigmax.models.noise import Noise
 from sigmax.rules.linearization import Linearization
+from sigmax.running.updating import ROUNDING, observing, updated
 
 LOG_2PI = math.log(2 * math.pi)
-# Units of rounding of its row to which an entry of a factor or a slope is not trusted. What rounding leaves of an
-# exact zero enters a gain as its square against the square of this: an error of 1 / ROUNDING² is left of it.
-ROUNDING = 64.0
 
 
 class Fault(IntEnum):
@@ -134,44 +132,46 @@ def correct(
     """The belief after a measurement z (m, ...) of one sensor, NaN in it meaning missing."""
     x, S = belief
     seen = ~jnp.isnan(z)
-    angular = model.measured_angular(sensor, z.shape[0])
-    with jax.named_scope("the sensor, linearised"):
-        line = filter.correct(sensing(model, sensor, x, u), x, S, angular)
+    count = seen.sum(0)
     with jax.named_scope("the noise of the sensor"):
         Lr, noise_sound = sensor_noise(model, R, x, u, seen)
-    innovation = jnp.where(seen, wrap(jnp.where(seen, z, 0) - line.mean, angular), 0)
-    line = line._replace(
-        slope=jnp.where(seen[:, None], line.slope, 0),
-        residual=jnp.where(seen[:, None], line.residual, 0),
-        deficit=jnp.where(seen[:, None], line.deficit, 0),
-    )
-    eps = float(np.finfo(x.dtype).eps)
-    least = ROUNDING * eps * jnp.abs(line.slope).sum(1) + jnp.where(seen, 4 * eps * jnp.abs(line.mean), 0)
-    Lr = raised(Lr, least)
-    line, widened = without_deficit(line, Lr)
+    observe = observing(filter, model, sensor, Lr, x, S, z, u)
+    with jax.named_scope("the sensor, linearised"):
+        first = observe()
+    with jax.named_scope("the update"):
+        taken, whitened, Sy, weighed = updated(filter, observe, first, count)
     with jax.named_scope("the correction"):
-        done = filter.form.correct(S, line, Lr, innovation)
-    factor = raised(done.factor, ROUNDING * eps * jnp.abs(S).sum(1))
+        done = filter.form.correct(S, taken.line, taken.noise, taken.innovation)
+    if whitened is None or Sy is None:
+        whitened, Sy = done.whitened, done.innovation_factor
+    factor = raised(done.factor, ROUNDING * float(np.finfo(x.dtype).eps) * jnp.abs(S).sum(1))
     new = _in_domain(model, Belief(wrap(x + done.shift, model.joint_angular), factor))
-    diagonal = jnp.stack([done.innovation_factor[i, i] for i in range(z.shape[0])])
-    nis = (done.whitened**2).sum(0)
-    sound = done.sound & (diagonal > 0).all(0) & _finite(new.mean, new.factor) & jnp.isfinite(nis)
+    nis = (whitened**2).sum(0)
+    variances = diagonal(done.innovation_factor)
+    sound = done.sound & (variances > 0).all(0) & _finite(new.mean, new.factor) & jnp.isfinite(nis)
     fault = _first(
-        (~_finite(innovation, line.slope, line.residual), Fault.SENSOR_NOT_FINITE),
+        (~_finite(first.innovation, first.line.slope, first.line.residual), Fault.SENSOR_NOT_FINITE),
         (~noise_sound, Fault.SENSOR_NOISE_INDEFINITE),
         (~sound, Fault.CORRECTION_INDEFINITE),
-        (widened, Fault.CORRECTION_WIDENED),
+        (taken.widened, Fault.CORRECTION_WIDENED),
     )
-    count = seen.sum(0)
-    used = (count > 0) & (fault <= 0)
-    volume = jnp.log(jnp.where(diagonal > 0, diagonal, 1)).sum(0)
+    heard = (count > 0) & (fault <= 0)
+    if weighed is None:
+        density = -0.5 * ((done.whitened**2).sum(0) + count * LOG_2PI)
+    else:
+        density, variances = weighed.log_density, diagonal(Sy)
+    volume = jnp.log(jnp.where(variances > 0, variances, 1)).sum(0)
+    used = heard if weighed is None else heard & (weighed.weights > 0).all(0)
     told = Innovation(
-        residual=jnp.where(seen, innovation, jnp.nan),
-        factor=jnp.where(count > 0, done.innovation_factor, 0),
+        residual=jnp.where(seen, first.innovation, jnp.nan),
+        factor=jnp.where(count > 0, Sy, 0),
         nis=jnp.where(used, nis, jnp.nan),
-        log_likelihood=jnp.where(used, -0.5 * (nis + count * LOG_2PI) - volume, 0),
+        log_likelihood=jnp.where(heard, density - volume, 0),
         dof=jnp.where(used, count, 0),
     )
+    if weighed is not None:
+        # What is refused widens the belief, so that a filter that is wrong cannot refuse for ever.
+        belief = belief._replace(factor=S * jnp.where(heard & ~used, weighed.growth, 1))
     return _keep(used, new, belief), told, jnp.where(count > 0, fault, 0)
 
 
@@ -188,17 +188,6 @@ def _predicted(filter: Filter, line: Linearization, Lq: Matrix) -> tuple[Predict
     wider = filter.form.predict(line._replace(deficit=line.deficit[:, :0]), Lq)
     chosen: Predicted = jax.tree.map(lambda a, b: jnp.where(predicted.sound, a, b), predicted, wider)
     return chosen, ~predicted.sound
-
-
-def without_deficit(line: Linearization, L: Matrix) -> tuple[Linearization, jax.Array]:
-    """The linearisation with no negative weights where N Nᵀ − D Dᵀ + L Lᵀ is indefinite; and whether it was (...).
-
-    Where that is positive definite, so is everything that a correction computes.
-    """
-    if not line.deficit.shape[1]:
-        return line, jnp.zeros(line.mean.shape[1:], bool)
-    _, exists = downdate(add(L, line.residual), line.deficit)
-    return line._replace(deficit=jnp.where(exists, line.deficit, 0)), ~exists
 
 
 def _in_domain(model: Model, belief: Belief) -> Belief:

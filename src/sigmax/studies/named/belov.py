@@ -14,7 +14,7 @@ from sigmax.running.explain import explain
 from sigmax.studies.study import Study
 
 # The paper's sets by the filter that uses them; its W (12), what the map and the whole equation (11) read.
-_SETS = {
+_SETS: dict[str, tuple[str, dict[str, Any]]] = {
     "2n": ("CKF", {}),
     "2n+1": ("UKF", {}),
     "n+1": ("SKF", {"moireau": True}),

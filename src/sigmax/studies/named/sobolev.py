@@ -24,9 +24,9 @@ _PRIORS = {
     "literal": np.square([7.5, 7.5, 876.0, 426 * _DEG, 0.0016 * _DEG]),
 }
 _STARTS = ("printed", "plot", "drawn")
-_SCALED = {"alpha": 0.45, "beta": 2.0, "kappa": -2.0}
+_SCALED: dict[str, Any] = {"alpha": 0.45, "beta": 2.0, "kappa": -2.0}
 # The smallest alpha whose centre weight is not negative, as the paper has it.
-_POSITIVE = {"alpha": 0.687369, "beta": 2.0, "kappa": -2.0}
+_POSITIVE: dict[str, Any] = {"alpha": 0.687369, "beta": 2.0, "kappa": -2.0}
 FOURTEEN = (
     *("EKF", "UKF", "CKF", "SREKF", "SRUKF", "SRUKFB", "SRCKF", "SRCKFB"),
     *("EUKF", "ECKF", "SREUKF", "SREUKFB", "SRECKF", "SRECKFB"),
