@@ -3,7 +3,7 @@
 from rich.console import Console
 from rich.table import Table
 
-from sigmax.filters import catalogue, get
+from sigmax.filters import WEIGHTS, catalogue, get
 from sigmax.models.builtin import BUILTIN
 from sigmax.records.load import builtin
 
@@ -19,6 +19,9 @@ def print_filters() -> None:
         parameters = f"; parameters {', '.join(entry.parameters)}" if entry.parameters else ""
         table.add_row(name, " × ".join(rules), made.form.name, entry.about + parameters)
     Console().print(table)
+    Console().print(
+        f"Every name takes update=…: once, iterated, {', '.join(WEIGHTS)}, as in SRCKFB:update=student.", style="dim"
+    )
 
 
 def _short(rule: object) -> str:
