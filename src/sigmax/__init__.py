@@ -31,9 +31,15 @@ _HOME = {
         "Motion",
         "Sensor",
         "angle",
+        "direction",
+        "extended_pose",
         "fused",
         "motions",
         "opaque",
+        "part",
+        "pose2",
+        "pose3",
+        "rotation",
         "sensors",
         "with_derivatives",
     ),
@@ -56,12 +62,12 @@ _HOME = {
     "sigmax.running.explain": ("explain",),
 }
 _WHERE = {name: module for module, names in _HOME.items() for name in names}
-_MODULES = ("forms", "records", "reports", "rules", "tracking")
+_MODULES = ("forms", "records", "reports", "rules", "spaces", "tracking")
 
 if TYPE_CHECKING:
     from typing import Any
 
-    from sigmax import forms, records, reports, rules, tracking
+    from sigmax import forms, records, reports, rules, spaces, tracking
     from sigmax.algebra.arrays import wrap
     from sigmax.errors import InputError
     from sigmax.export import export_c
@@ -75,9 +81,15 @@ if TYPE_CHECKING:
         Motion,
         Sensor,
         angle,
+        direction,
+        extended_pose,
         fused,
         motions,
         opaque,
+        part,
+        pose2,
+        pose3,
+        rotation,
         sensors,
         with_derivatives,
     )
@@ -116,8 +128,10 @@ __all__ = [
     "catalogue",
     "compare",
     "contribution",
+    "direction",
     "explain",
     "export_c",
+    "extended_pose",
     "fit",
     "forms",
     "fused",
@@ -128,14 +142,19 @@ __all__ = [
     "names",
     "once",
     "opaque",
+    "part",
+    "pose2",
+    "pose3",
     "records",
     "reports",
     "robust",
+    "rotation",
     "rules",
     "run",
     "sensors",
     "sigma_set",
     "smooth",
+    "spaces",
     "tracking",
     "undisturbed",
     "with_derivatives",

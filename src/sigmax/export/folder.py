@@ -18,7 +18,7 @@ from sigmax.filters import Filter
 from sigmax.leftovers import clear_leftovers, part_of
 from sigmax.models.fusion import Fused, name_of, put_together
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
+from sigmax.models.model import Model, check_flat
 from sigmax.native import Refused
 from sigmax.running.backend import natively
 from sigmax.running.edge import as_filter, cast, prepare, run_type
@@ -74,6 +74,7 @@ def export_c(
         InputError: for what does not fit, or a model that cannot be lowered, with the line that is the reason.
     """
     chosen, dtype, prefix = as_filter(filter), run_type(dtype), identifier(name)
+    check_flat(model, "an exported filter")
     if prior.mean.ndim != 1:
         raise InputError("an exported filter starts from one prior, not from a batch")
     if model.fusion is not None and any(b.given and callable(model.R[s]) for b in model.fusion for s in b.members):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from sigmax.errors import InputError, unknown
 from sigmax.filters.filter import Filter
 from sigmax.filters.parameters import fitted
-from sigmax.filters.update import Update, iterated, named, once
+from sigmax.filters.update import Update, iterated, named
 from sigmax.forms import Form, block, covariance, information, root_information, square_root, two_stage
 from sigmax.rules import (
     Marginal,
@@ -35,7 +35,7 @@ class Entry(NamedTuple):
     correct: RuleMaker
     form: FormMaker
     about: str
-    update: Update = once
+    update: Update | None = None
 
     @property
     def parameters(self) -> dict[str, Any]:

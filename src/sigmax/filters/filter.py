@@ -4,7 +4,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 
 from sigmax.errors import InputError
-from sigmax.filters.update import Update, once
+from sigmax.filters.update import Update
 from sigmax.forms.form import Form
 from sigmax.rules.linearization import Rule
 from sigmax.rules.marginal import Marginal
@@ -20,7 +20,8 @@ class Filter:
         form: how the covariance is carried.
         name: as it stands in tables.
         linear: refuse models that are not linear.
-        update: how a measurement corrects: once, iterated, or by weights.
+        update: how a measurement corrects: once, iterated, or by weights; None for once, and on curved spaces
+            for one iteration.
     """
 
     predict: Rule
@@ -28,7 +29,7 @@ class Filter:
     form: Form
     name: str = "unnamed"
     linear: bool = False
-    update: Update = once
+    update: Update | None = None
 
     def __post_init__(self) -> None:
         for what, rule in (("predict", self.predict), ("correct", self.correct)):
@@ -36,7 +37,7 @@ class Filter:
                 raise InputError(f"{what} must be a rule such as sigmax.Taylor1(), hashable; it is {_said(rule)}")
         if not isinstance(self.form, Form):
             raise InputError(f"form must be a sigmax.Form such as sigmax.forms.block; it is {_said(self.form)}")
-        if not isinstance(self.update, Update):
+        if self.update is not None and not isinstance(self.update, Update):
             raise InputError(
                 f"update must be one such as sigmax.once, sigmax.iterated(3) or sigmax.robust('student'); "
                 f"it is {_said(self.update)}"

@@ -21,18 +21,22 @@ class Update:
         iterations: how often the sensor is linearised again, about the posterior of the line before.
         guarded: whether an iterate is kept only where |t|² + |L_r⁻¹ (z − ŷ)|² falls, and the step halved elsewhere.
         weight: the weights of a measurement by its first innovation, None for none.
+        reset: whether the corrected covariance is seen from the corrected mean; only curved spaces tell, where
+            multiplicative and invariant filters of the textbooks leave it out.
     """
 
     iterations: int = 0
     guarded: bool = True
     weight: Weight | None = None
+    reset: bool = True
 
     def __post_init__(self) -> None:
         count = self.iterations
         if isinstance(count, bool) or not isinstance(count, int) or not 0 <= count <= _MOST:
             raise InputError(f"iterations of an update must be a whole number from 0 to {_MOST}; it is {count!r}")
-        if not isinstance(self.guarded, bool):
-            raise InputError(f"guarded must be True or False; it is {self.guarded!r}")
+        for what in ("guarded", "reset"):
+            if not isinstance(getattr(self, what), bool):
+                raise InputError(f"{what} must be True or False; it is {getattr(self, what)!r}")
         weight = self.weight
         if weight is not None and (
             isinstance(weight, type) or not callable(weight) or not isinstance(weight, Hashable)
@@ -42,7 +46,8 @@ class Update:
     def __str__(self) -> str:
         guard = "" if self.guarded else ", guarded=False"
         parts = [f"iterated({self.iterations}{guard})"] if self.iterations else []
-        return " ".join([*parts, *([] if self.weight is None else [_written(self.weight)])]) or "once"
+        parts += [] if self.weight is None else [_written(self.weight)]
+        return " ".join(parts or ["once"]) + ("" if self.reset else ", without reset")
 
 
 once = Update()

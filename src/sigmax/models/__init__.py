@@ -2,10 +2,11 @@
 
 from sigmax.models import motions, sensors
 from sigmax.models.bias import Bias
+from sigmax.models.components import angle, direction, extended_pose, part, pose2, pose3, rotation
 from sigmax.models.derivatives import with_derivatives
 from sigmax.models.fusion import fused
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model, angle
+from sigmax.models.model import Model
 from sigmax.models.opaque import opaque
 from sigmax.models.parts import Motion, Sensor
 from sigmax.models.terrain import Elevation, inertial_errors, radio_altimeter
@@ -18,11 +19,17 @@ __all__ = [
     "Motion",
     "Sensor",
     "angle",
+    "direction",
+    "extended_pose",
     "fused",
     "inertial_errors",
     "motions",
     "opaque",
+    "part",
+    "pose2",
+    "pose3",
     "radio_altimeter",
+    "rotation",
     "sensors",
     "with_derivatives",
 ]

@@ -10,6 +10,7 @@ import numpy as np
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.models.bias import Bias
+from sigmax.models.components import components
 from sigmax.models.fusion import Block, inputs_behind, name_of
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, by_value, dense_noise, takes
@@ -29,7 +30,7 @@ def as_one(model: Model) -> Model:
         motion=_fronted(model.motion, 2, extra) if model.motion_inputs else model.motion,
         sensors={name: h},
         sensor_inputs={name: any(driven)},
-        measurement={name: _names(model, blocks)},
+        measured={name: components("measurement", _names(model, blocks), None, "R")},
         Q=_noise_of_motion(model.Q, extra),
         R={name: _noise(model, blocks, extra)},
         bias=None if model.bias is None else _bias(model, model.bias, name, heads, extra),

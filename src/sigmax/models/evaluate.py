@@ -11,7 +11,8 @@ from sigmax.algebra.factor import Diagonal, Matrix, block_diagonal, cholesky, sa
 from sigmax.errors import InputError
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, takes
-from sigmax.rules.linearization import Function, Linearization, Rule
+from sigmax.rules.charted import linearized
+from sigmax.rules.linearization import Linearization, Rule
 
 Noisy = tuple[Matrix, jax.Array]
 
@@ -20,7 +21,7 @@ def linearized_motion(
     rule: Rule, model: Model, x: jax.Array, S: jax.Array, dt: jax.Array, u: jax.Array | None
 ) -> Linearization:
     """The motion by a rule about N(x, S Sᵀ); a bias stays as it is, which no rule needs to find out."""
-    line = rule(moving(model, x, dt, u), x, S, model.angular)
+    line = linearized(rule, moving(model, x, dt, u), x, S, model.joint_space, model.space)
     if model.bias is None:
         return line
     at, first = model.offsets, model.bias.first
@@ -34,21 +35,28 @@ def linearized_motion(
     return Linearization(rows(line.mean, x[at]), rows(line.slope, S[at]), residual, deficit)
 
 
-def moving(model: Model, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Function:
+def moving(model: Model, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Lifted:
     """The motion of the state over dt () or (B,), with inputs (k,) or (k, B); what depends on the estimate takes x."""
     arguments = [(dt, 0)] + ([(u, 1)] if model.motion_inputs and u is not None else [])
     f = Lifted(model.motion, arguments, x.ndim > 1)
     return f if model.bias is None else _biased(f, model, x, (dt, 0), model.bias.motion, u)
 
 
-def sensing(model: Model, sensor: str, x: jax.Array, u: jax.Array | None) -> Function:
+def linearized_sensor(
+    rule: Rule, model: Model, sensor: str, x: jax.Array, S: jax.Array, u: jax.Array | None, size: int
+) -> Linearization:
+    """A sensor that gives `size` numbers by a rule about x ⊞ N(0, S Sᵀ)."""
+    return linearized(rule, sensing(model, sensor, x, u), x, S, model.joint_space, model.measured_space(sensor, size))
+
+
+def sensing(model: Model, sensor: str, x: jax.Array, u: jax.Array | None) -> Lifted:
     """A sensor with inputs (k,) or (k, B); what depends on the estimate takes x."""
     arguments = [(u, 1)] if model.sensor_inputs[sensor] and u is not None else []
     h = Lifted(model.sensors[sensor], arguments, x.ndim > 1)
     return h if model.bias is None else _biased(h, model, x, None, model.bias.sensor.get(sensor), u)
 
 
-def in_domain(model: Model, batched: bool) -> Function | None:
+def in_domain(model: Model, batched: bool) -> Any:
     """The model's domain on all that an engine carries, None without one."""
     if model.domain is None:
         return None

@@ -18,7 +18,8 @@ class Gaussian:
         mean: (n,), or (B, n) for a batch.
         cov: covariance (n, n), or (B, n, n) for a batch; n variances (n,) stand for a diagonal matrix, the same for
             all tracks of a batch. Variances by track (B, n) are no covariance: a batch of its own needs (B, n, n).
-            A variance of 0 means a component known exactly.
+            A variance of 0 means a component known exactly. Of curved parts, such as `rotation("attitude")`, it is the
+            covariance of their deviations, which are fewer than the numbers of the mean.
 
     Raises:
         InputError: for shapes that do not fit, NaN, or a matrix that is no covariance.
@@ -37,7 +38,10 @@ class Gaussian:
         enough_memory(f"a prior of shape {x.shape}", x.size + P.size * 4.0)
         if (P.shape == (n,) and n > 1) or P.shape == (1,):
             P = jnp.diag(P) if isinstance(P, jax.Array) else np.diag(P)
-        if P.shape[-2:] != (n, n) or P.ndim > 3 or (P.ndim == 3 and x.ndim == 2 and len(P) != len(x)):
+        if P.ndim == 1 and 1 < len(P) < n:
+            P = jnp.diag(P) if isinstance(P, jax.Array) else np.diag(P)
+        square = P.ndim in (2, 3) and 0 < P.shape[-1] == P.shape[-2] <= n
+        if not square or (P.ndim == 3 and x.ndim == 2 and len(P) != len(x)):
             shapes = [(n, n), (n,)] if x.ndim == 1 else [(len(x), n, n), (n, n), (n,)]
             raise InputError(
                 f"a mean of shape {x.shape} needs a covariance of shape {' or '.join(map(str, shapes))}; "
@@ -49,8 +53,13 @@ class Gaussian:
 
     @property
     def size(self) -> int:
-        """N."""
+        """Numbers of the mean."""
         return self.mean.shape[-1]
+
+    @property
+    def dim(self) -> int:
+        """Rows of the covariance: as many, but for curved parts."""
+        return self.cov.shape[-1]
 
     def __repr__(self) -> str:
         return f"Gaussian(mean={self.mean!r}, cov={self.cov!r})"

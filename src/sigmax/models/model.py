@@ -8,19 +8,11 @@ import jax
 
 from sigmax.errors import InputError
 from sigmax.models.bias import Bias
-from sigmax.models.checks import numbers, strings
+from sigmax.models.components import Components, components, measured_components
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, noise, takes
 from sigmax.models.parts import Motion, Sensor
-
-
-class angle(str):
-    """The name of a component that is an angle in radians: `state=("x", "y", angle("course"))`."""
-
-    __slots__ = ()
-
-    def __repr__(self) -> str:
-        return f"angle({str(self)!r})"
+from sigmax.spaces import Flat, Space
 
 
 @jax.tree_util.register_pytree_node_class
@@ -32,13 +24,13 @@ class Model:
             or a ready-made `Motion`, which names the state too.
         sensor: `sensor(x)` or `sensor(x, u)`: the measurement without noise, (m,); or a ready-made
             `Sensor`, which names the measurement too; or several by name, `{"radar": h1, "camera": h2}`.
-        Q: noise of the motion: a covariance per second (n, n) that is multiplied by dt, n variances
-            per second, or a function `Q(dt)`, `Q(x, dt)` or `Q(x, dt, u)` that gives the covariance
-            of the whole interval.
+        Q: noise of the motion: a covariance per second (d, d) that is multiplied by dt, d variances per second, or a
+            function `Q(dt)`, `Q(x, dt)` or `Q(x, dt, u)` that gives the covariance of the whole interval. It is that
+            of the deviations of the state: d = n, but for curved parts.
         R: noise of the sensor: a covariance (m, m), m variances, or a function `R(x)` or `R(x, u)`;
             a dict by name where there are several sensors.
-        state: names of the components, `angle("…")` for those that are angles. Without it the
-            components are counted from Q.
+        state: names of the components, `angle("…")` for those that are angles, `rotation("…")` and the like for
+            parts of several numbers. Without it the components are counted from Q.
         measurement: the same of the measurement, a dict by name where there are several sensors.
         domain: a function x -> x that brings a state back to where it makes sense, such as
             `mirrored_speed`; the covariance follows its derivative.
@@ -81,17 +73,19 @@ class Model:
             raise InputError(f"domain must be a function x -> x, it is {type(domain).__name__}")
         self.motion_inputs = takes(self.motion, "motion", (2, 3)) == 3
         self.sensor_inputs = {s: takes(h, s or "sensor", (1, 2)) == 2 for s, h in self.sensors.items()}
-        self.state = component_names("state", state, Q, "Q")
-        self.Q = noise("Q", Q, self.state, OF_MOTION)
+        own = components("state", state, Q, "Q")
+        # Names of the numbers of a state and of its deviations, and where it lives.
+        self.state, self.deviations, self.space = own.numbers, own.deviations, own.space
+        self.Q = noise("Q", Q, self.deviations, OF_MOTION)
         by_name = {s: by_sensor(R, s, self.several, "R") for s in self.sensors}
         named = {s: by_sensor(measurement, s, self.several, "measurement") for s in self.sensors}
         named |= {s: p.measurement for s, p in parts.items() if isinstance(p, Sensor) and named[s] is None}
         self.R: dict[str, Noise] = {}
-        self.measurement: dict[str, tuple[str, ...] | None] = {}
+        self.measured: dict[str, Components | None] = {}
         for s in self.sensors:
             label = f"R[{s!r}]" if self.several else "R"
-            self.measurement[s] = measured_names(named[s], by_name[s], label)
-            self.R[s] = noise(label, by_name[s], self.measurement[s], OF_SENSOR)
+            self.measured[s] = seen = measured_components(named[s], by_name[s], label)
+            self.R[s] = noise(label, by_name[s], None if seen is None else seen.deviations, OF_SENSOR)
         if self.several:
             for what, given in (("R", R), ("measurement", measurement)):
                 extra = set(given) - set(self.sensors) if isinstance(given, Mapping) else set()
@@ -101,17 +95,36 @@ class Model:
             raise InputError(f"bias must be a sigmax.Bias, it is {type(bias).__name__}")
         # The blocks of sensors that are corrected together: see `fused`.
         self.fusion: tuple[Any, ...] | None = None
+        if bias is not None and self.curved:
+            raise InputError(
+                "a bias stands beside states and measurements of numbers and angles; put it into the state"
+            )
         self.bias = None if bias is None else bias.fitted(self.state, self.measurement, self.several)
 
     @property
+    def measurement(self) -> dict[str, tuple[str, ...] | None]:
+        """Names of what each sensor measures, None where nothing tells."""
+        return {s: None if own is None else own.numbers for s, own in self.measured.items()}
+
+    @property
+    def curved(self) -> bool:
+        """Whether a part of state or measurement is neither a number nor an angle."""
+        return not all(space.flat for space in (self.space, *(m.space for m in self.measured.values() if m)))
+
+    @property
     def size(self) -> int:
-        """n, the number of components of the state."""
+        """n, the numbers of a state."""
         return len(self.state)
 
     @property
+    def dim(self) -> int:
+        """d, the numbers of a deviation: n, but for curved parts."""
+        return len(self.deviations)
+
+    @property
     def angular(self) -> tuple[bool, ...]:
-        """Which components of the state are angles."""
-        return tuple(isinstance(name, angle) for name in self.state)
+        """Which deviations of the state are angles that turn."""
+        return self.space.periodic
 
     @property
     def biases(self) -> int:
@@ -171,10 +184,24 @@ class Model:
         bias.prior, made.bias = prior, bias
         return made
 
+    @property
+    def joint_space(self) -> Space:
+        """Where all that an engine carries lives."""
+        return self.space if self.bias is None else Flat(self.joint_angular)
+
+    def measured_space(self, sensor: str, size: int) -> Space:
+        """Where what a sensor measures lives, which gives `size` numbers."""
+        own = self.measured[sensor]
+        return Flat((False,) * size) if own is None else own.space
+
+    def measured_deviations(self, sensor: str) -> tuple[str, ...] | None:
+        """Names of the deviations of what a sensor measures, None where nothing tells."""
+        own = self.measured[sensor]
+        return None if own is None else own.deviations
+
     def measured_angular(self, sensor: str, size: int) -> tuple[bool, ...]:
-        """Which of the `size` components of a sensor are angles."""
-        given = self.measurement[sensor]
-        return (False,) * size if given is None else tuple(isinstance(name, angle) for name in given)
+        """Which deviations of what a sensor measures, `size` numbers, are angles that turn."""
+        return self.measured_space(sensor, size).periodic
 
     def __repr__(self) -> str:
         seen = ", ".join(s for s in self.sensors if s) or "one sensor"
@@ -187,23 +214,32 @@ class Model:
         # A noise that is a function belongs to the model's identity, not to its numbers.
         leaves = tuple(None if callable(v) else v for v in (self.Q, *self.R.values()))
         functions = tuple(v if callable(v) else None for v in (self.Q, *self.R.values()))
-        return (*leaves, self.bias), (fixed, functions, tuple(self.R), self.angular, tuple(self.measurement_angles()))
-
-    def measurement_angles(self) -> list[tuple[bool, ...] | None]:
-        """Which components are angles, sensor by sensor."""
-        return [None if m is None else self.measured_angular(s, len(m)) for s, m in self.measurement.items()]
+        return (*leaves, self.bias), (fixed, functions, tuple(self.R))
 
     @classmethod
     def tree_unflatten(cls, aux: tuple[Any, ...], leaves: tuple[Any, ...]) -> "Model":
         """For JAX: values pass unchecked."""
-        fixed, functions, sensors, *_ = aux
+        fixed, functions, sensors = aux
         made = object.__new__(cls)
         for key, value in fixed:
-            setattr(made, key, dict(value) if key in ("sensors", "sensor_inputs", "measurement") else value)
+            setattr(made, key, dict(value) if key in ("sensors", "sensor_inputs", "measured") else value)
         made.bias = leaves[-1]
         noises = [f if leaf is None else leaf for leaf, f in zip(leaves[:-1], functions, strict=True)]
         made.Q, made.R = noises[0], dict(zip(sensors, noises[1:], strict=True))
         return made
+
+
+def check_flat(model: Model, what: str) -> None:
+    """Refuse a model with a curved part where only numbers and angles are known.
+
+    Raises:
+        InputError: naming what does not know it.
+    """
+    if model.curved:
+        raise InputError(
+            f"{what} knows numbers and angles alone so far, and this model has parts that turn or point: {model!r}; "
+            "run, smooth and Live take it"
+        )
 
 
 def by_sensor(given: Any, sensor: str, several: bool, what: str) -> Any:
@@ -219,27 +255,3 @@ def by_sensor(given: Any, sensor: str, several: bool, what: str) -> Any:
             return None
         raise InputError(f"{what} has no entry for the sensor {sensor!r}; it has {sorted(given)}")
     return given[sensor]
-
-
-def component_names(what: str, given: Sequence[str] | None, noise_given: Any, label: str) -> tuple[str, ...]:
-    """Names as a tuple, or counted from the size of a noise."""
-    if given is None:
-        if callable(noise_given):
-            raise InputError(f"{what} must name the components: {label} is a function and does not tell how many")
-        sizes = numbers(label, noise_given).shape
-        if 0 in sizes:
-            raise InputError(f"{label} is empty; give a covariance, or a variance for each component")
-        return tuple(f"{what}{i}" for i in range(sizes[-1] if sizes else 1))
-    given = strings(what, given)
-    if not given:
-        raise InputError(f"{what} must be names of components such as ('x', 'v'); it is empty")
-    if len(set(given)) != len(given):
-        raise InputError(f"{what} names a component twice: {list(given)}")
-    return tuple(given)
-
-
-def measured_names(given: Sequence[str] | None, R: Any, label: str) -> tuple[str, ...] | None:
-    """Names of a measurement's components, or None where nothing tells how many there are."""
-    if given is None and callable(R):
-        return None
-    return component_names("measurement", given, R, label)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.models.checks import numbers
-from sigmax.models.model import angle
+from sigmax.models.components import angle
 from sigmax.models.noise import arrays_of, on_diagonal, squares, takes
 from sigmax.models.parts import Motion, made_once
 from sigmax.models.quadratic import quadratic_function

@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from sigmax.models.model import angle
+from sigmax.models.components import angle
 from sigmax.models.parts import Sensor, made_once
 from sigmax.models.quadratic import quadratic_function
 from sigmax.models.smooth import direction, length

@@ -49,6 +49,7 @@ class Sensor(ctypes.Structure):
         ("correct", ctypes.c_void_p),
         ("c", ctypes.c_void_p),
         ("z", Series),
+        ("dim", ctypes.c_long),
         ("residual", ctypes.c_void_p),
         ("factor", ctypes.c_void_p),
     ]
@@ -58,7 +59,7 @@ class Record(ctypes.Structure):
     """A record to be filtered, see record.c."""
 
     _fields_ = [
-        *((k, ctypes.c_long) for k in ("tracks", "steps", "n", "size")),
+        *((k, ctypes.c_long) for k in ("tracks", "steps", "points", "n", "size")),
         *((k, ctypes.c_void_p) for k in ("predict", "c")),
         *((k, Series) for k in ("dt", "u")),
         ("sensors", ctypes.c_long),
@@ -72,7 +73,7 @@ class Smoothing(ctypes.Structure):
     """A record to be smoothed, see record.c."""
 
     _fields_ = [
-        *((k, ctypes.c_long) for k in ("tracks", "steps", "n", "size")),
+        *((k, ctypes.c_long) for k in ("tracks", "steps", "points", "n", "size")),
         *((k, ctypes.c_void_p) for k in ("back", "c")),
         *((k, Series) for k in ("mean", "factor", "fault", "dt", "u")),
         *((k, ctypes.c_void_p) for k in ("new_mean", "new_factor", "failed")),

@@ -16,7 +16,7 @@ from sigmax.filters import Filter, once
 from sigmax.models.checks import finite, members, numbers
 from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused
-from sigmax.models.model import Model
+from sigmax.models.model import Model, check_flat
 from sigmax.models.noise import dense_noise, noise_once
 from sigmax.running.fusing import additive, check_inputs
 from sigmax.running.live import Live
@@ -151,11 +151,12 @@ def _each_once(contributions: Iterable[Contribution]) -> list[Contribution]:
 def _alone(live: Live) -> Live:
     if live.belief.mean.ndim > 1:
         raise InputError("stations exchange contributions to one track; make a filter for each")
+    check_flat(live.apart, "a contribution")
     return live
 
 
 def _taken_once(live: Live) -> None:
-    if live.filter.update != once:
+    if live.filter.update not in (None, once):
         raise InputError(
             f"contributions to the state are linearised where they arise and taken as they are; {live.filter.name} "
             f'corrects by {live.filter.update}: take a filter with update=sigmax.once, or space="measurement"'

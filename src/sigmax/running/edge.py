@@ -10,14 +10,14 @@ import numpy as np
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter, get
 from sigmax.models.as_one import as_one
-from sigmax.models.bias import joint
 from sigmax.models.checks import by_name, enough_memory, finite, is_traced, numbers
 from sigmax.models.fusion import Fused, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.running.current import check_model, current_model
+from sigmax.running.current import current_model
 from sigmax.running.functions import check_functions
 from sigmax.running.intervals import intervals
+from sigmax.running.joining import joined
 from sigmax.running.linearity import check_linear
 
 
@@ -62,25 +62,6 @@ def as_filter(filter: Filter | str) -> Filter:
     if isinstance(filter, str):
         return get(filter)
     raise InputError(f"a filter is a name such as 'SRCKFB' or made by sigmax.get; this is {type(filter).__name__}")
-
-
-def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model, Gaussian]:
-    """Filter, model and prior as the engines take them: a bias beside the state, where the form wants it.
-
-    Raises:
-        InputError: where one of them is something else, or the prior does not fit the model.
-    """
-    check_model(model)
-    if not isinstance(prior, Gaussian):
-        raise InputError(f"prior must be a sigmax.Gaussian, it is {type(prior).__name__}")
-    if prior.size != model.size:
-        raise InputError(f"the prior has {prior.size} components, the model {model.size}: {list(model.state)}")
-    tracks, n = len(prior.mean) if prior.mean.ndim == 2 else 1, model.size + model.biases
-    enough_memory(f"a filter of {tracks} tracks", (2.0 * n + n * n) * tracks)
-    filter, first = filter.on(model.biases), filter.form.bias_first
-    if model.bias is not None:
-        prior = joint(prior, model.bias.starting(), first)
-    return filter, model.placed(first), prior
 
 
 def prepare(
@@ -133,6 +114,10 @@ def prepare(
     dtype = run_type(dtype)
     captured = check_functions(given, alone, elapsed, inputs_given, sizes, dtype)
     # Where a function holds a traced number its slopes are not known; `fit` has seen them at its start.
+    if filter.linear and model.curved:
+        raise InputError(
+            "KF is for linear models, and this one lives in a curved space; take EKF or a sigma-point filter"
+        )
     if filter.linear and not captured:
         check_linear(given, None if inputs_given is None else inputs_given.shape[-1])
 

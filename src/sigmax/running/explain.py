@@ -10,7 +10,7 @@ from sigmax.dependence import Plan, complexity, permutation, reading, total_cost
 from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
+from sigmax.models.model import Model, check_flat
 from sigmax.models.whole import with_bias
 from sigmax.rules import SigmaPoints
 from sigmax.running.edge import as_filter
@@ -89,6 +89,7 @@ def explain(
     chosen = as_filter(filter)
     if model.bias is not None and chosen.form.bias_first:
         raise InputError(f"{chosen.name} draws a bias first, and every point of it moves the whole state; explain CKF")
+    check_flat(model, "explain")
     model, prior = with_bias(model, prior)
     u = [] if inputs is None else [jnp.asarray(inputs, float)]
     tasks: list[tuple[str, SigmaPoints, Callable[..., Any], list[Any], Sequence[bool]]] = []

@@ -90,14 +90,14 @@ def check_shapes(model: Model, inputs: int | None, sizes: Mapping[str, int], dty
 
 def _noises(model: Model, driven: bool, sizes: Mapping[str, int]) -> Iterator[tuple[str, Any, tuple[int, ...], int]]:
     """Noises that are functions: what they are called, how many arguments they may take, and their components."""
-    moving = [("Q", model.Q, model.size)]
+    moving = [("Q", model.Q, model.dim)]
     if model.bias is not None:
         moving.append(("the bias's Q", model.bias.Q, model.biases))
     if driven or not model.motion_driven:
         yield from ((label, Q, OF_MOTION, size) for label, Q, size in moving if callable(Q))
     for s, size in sizes.items():
         if callable(model.R[s]) and (driven or not model.sensor_driven(s)):
-            yield f"R[{s!r}]" if s else "R", model.R[s], OF_SENSOR, size
+            yield f"R[{s!r}]" if s else "R", model.R[s], OF_SENSOR, model.measured_space(s, size).dim
 
 
 def _taken(

@@ -19,7 +19,7 @@ from sigmax.running.step import LOG_2PI, Innovation
 def additive(filter: Filter) -> bool:
     """Whether the contributions of sensors to the information add up: taken once, and with no Ω in W."""
     rule = filter.correct.rule if isinstance(filter.correct, Marginal) else filter.correct
-    return filter.update == once and (not filter.form.omega or isinstance(rule, Taylor1))
+    return filter.update in (None, once) and (not filter.form.omega or isinstance(rule, Taylor1))
 
 
 def how(filter: Filter, model: Model) -> tuple[tuple[str, str], ...]:

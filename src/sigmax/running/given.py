@@ -30,9 +30,10 @@ class Given:
 
     def __init__(self, model: Model, dtype: Any, tracks: tuple[int, ...], asked: Model, prior: Gaussian) -> None:
         self._model, self._dtype, self._tracks = model, dtype, tracks
+        self._names = model.measurement
         self._asked, self._prior = asked, prior
         # Of the only sensor, where its components are named: what most measurements look like.
-        named = model.measurement.get("")
+        named = self._names.get("")
         self._shape = None if named is None else (*tracks, len(named))
         self._driven = model.motion_driven or any(map(model.sensor_driven, model.sensors))
         # How many inputs the functions have been checked with; they are known when the first come.
@@ -50,12 +51,12 @@ class Given:
     def measurement(self, z: Any, sensor: str | None) -> tuple[str, np.ndarray]:
         """The sensor and what it measured (m,) or (B, m)."""
         if type(z) is not np.ndarray:
-            z = by_name("z", z, self._model.measurement.get(sensor if isinstance(sensor, str) else ""))
+            z = by_name("z", z, self._names.get(sensor if isinstance(sensor, str) else ""))
         value = np.asarray(numbers("z", z, missing=True), self._dtype)
         if sensor is None and value.shape == self._shape:
             return "", value
         sensor = self.sensor(sensor)
-        names = self._model.measurement[sensor]
+        names = self._names[sensor]
         if names is None:
             expected: tuple[Any, ...] = (*self._tracks, "m")
             fits = value.ndim == len(expected) and value.shape[:-1] == self._tracks
@@ -72,7 +73,7 @@ class Given:
         """The noise of one measurement, None where it is the model's."""
         if R is None:
             return None
-        return cast(noise_once(R, self._model.measurement[sensor]), self._dtype)
+        return cast(noise_once(R, self._model.measured_deviations(sensor)), self._dtype)
 
     def inputs(self, u: Any, what: str, sensor: str | None = None) -> np.ndarray | None:
         """The inputs of a motion or a sensor, None where neither takes any."""

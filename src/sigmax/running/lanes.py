@@ -21,12 +21,13 @@ def _lower_places(n: int) -> tuple[np.ndarray, ...]:
 def started(low: Lowered, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.ndarray:
     """The rows (B, size) of a prior: the same for all tracks where it has no batch."""
     (step,) = low.need(("start",))
-    i, j = _lower_places(low.n)
+    points = low.packing.points
+    i, j = _lower_places(low.packing.n)
     lower = cov[..., i, j]
     alone = mean.ndim == 1 and lower.ndim == 1
     count = 1 if alone else batch
-    given = np.empty((count, low.n + len(i)), low.dtype)
-    given[:, : low.n], given[:, low.n :] = mean, lower
+    given = np.empty((count, low.packing.size), low.dtype)
+    given[:, :points], given[:, points:] = mean, lower
     made = np.empty((count, low.packing.size), low.dtype)
     constants = step.setup(np.zeros(sum(z.size for z in low.zeros) + 1))
     job = Rows(step.address, pointer(constants), series(given, 1, True, False), made.shape[1], pointer(made))
@@ -46,7 +47,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
     low = lowered(ready.filter, ready.model, inputs, ready.mean.dtype)
     needed = [("predict",), *(("correct", s, v.shape[-1]) for s, v in z.items())]
     _, predict, *corrects = low.need(("start",), *needed)
-    n, dtype, B = low.n, low.dtype, 1 if ready.batch is None else ready.batch
+    points, n, dtype, B = low.packing.points, low.packing.n, low.dtype, 1 if ready.batch is None else ready.batch
     T = ready.dt.shape[-1]
     state = started(low, ready.mean, ready.cov, B)
     numbers = low.parameters(ready.model)
@@ -56,11 +57,10 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
     def made(part: str, *shape: int, of: Any = dtype) -> np.ndarray | None:
         return np.empty((B, T, *shape), of) if part in keep else None
 
+    dims = {s: ready.model.measured_space(s, v.shape[-1]).dim for s, v in z.items()}
     told = {
-        s: Innovation(
-            np.empty((B, T, v.shape[-1]), dtype), np.empty((B, T, v.shape[-1], v.shape[-1]), dtype), None, None, None
-        )
-        for s, v in z.items()
+        s: Innovation(np.empty((B, T, m), dtype), np.empty((B, T, m, m), dtype), None, None, None)
+        for s, m in dims.items()
         if "innovation" in keep
     }
     constants = [step.setup(numbers) for step in (predict, *corrects)]
@@ -70,6 +70,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
                 step.address,
                 pointer(c),
                 series(v, 1, v.ndim == 3, True),
+                dims[s],
                 pointer(told[s].residual) if s in told else None,
                 pointer(told[s].factor) if s in told else None,
             )
@@ -78,7 +79,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
     )
     total = np.empty(B, dtype)
     parts = {
-        "mean": made("mean", n),
+        "mean": made("mean", points),
         "factor": made("factor", n, n),
         "nis": made("nis"),
         "step_log_likelihood": made("step_log_likelihood"),
@@ -88,6 +89,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
     job = Record(
         B,
         T,
+        points,
         n,
         low.packing.size,
         predict.address,
@@ -138,8 +140,8 @@ def smoothed(filter: Filter, model: Model, kept: tuple[Any, Any, Any], dt: Any, 
     job = Smoothing(
         B,
         T,
-        low.n,
-        low.n * (low.n + 3) // 2,
+        *low.packing,
+        low.packing.size,
         step.address,
         pointer(constants),
         series(mean, 1, batched, True),

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from sigmax.models.model import Model
+from sigmax.spaces import Space
 
 
 class Layout(NamedTuple):
@@ -10,7 +11,7 @@ class Layout(NamedTuple):
 
     Attributes:
         state: names of the components of the state.
-        angular: which of them are angles.
+        space: where it lives.
         batched: whether the first axis is a batch.
         several: whether what was measured is told by sensor.
         bias: names of the components of the bias.
@@ -19,7 +20,7 @@ class Layout(NamedTuple):
     """
 
     state: tuple[str, ...]
-    angular: tuple[bool, ...]
+    space: Space
     batched: bool
     several: bool
     bias: tuple[str, ...] = ()
@@ -31,8 +32,8 @@ class Layout(NamedTuple):
         """The layout of a run on a model as an engine takes it."""
         several, bias = model.several, model.bias
         if bias is None:
-            return cls(model.state, model.angular, batched, several)
-        return cls(model.state, model.angular, batched, several, bias.names, bias.first)
+            return cls(model.state, model.space, batched, several)
+        return cls(model.state, model.space, batched, several, bias.names, bias.first)
 
     @property
     def own(self) -> slice:

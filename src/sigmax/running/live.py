@@ -10,15 +10,16 @@ from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.fusion import Fused
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
+from sigmax.models.model import Model, check_flat
 from sigmax.native import Refused, Unavailable
 from sigmax.running.backend import attempt, native_failed, natively
 from sigmax.running.covariances import covariances
 from sigmax.running.current import current_model
-from sigmax.running.edge import as_filter, cast, joined, run_type, typed
+from sigmax.running.edge import as_filter, cast, run_type, typed
 from sigmax.running.fusing import Members, with_members_live
 from sigmax.running.given import Given
 from sigmax.running.intervals import seconds_of
+from sigmax.running.joining import joined
 from sigmax.running.live_lanes import LaneState
 from sigmax.running.live_xla import XlaState
 from sigmax.running.saved import identity, restored, saved
@@ -162,12 +163,11 @@ class Live:
         """What a sensor should measure now, (m,) or (B, m), and the covariance of the innovation: for gates."""
         if self._members is not None:
             raise InputError("the sensors are fused; expect one of them with a filter on the model as it was before")
+        check_flat(self.model, "expect")
         name = self._given.sensor(sensor)
         names = self.model.measurement[name]
         if names is None:
-            raise InputError(
-                "name the components of the measurement in the model: R is a function and does not count them"
-            )
+            raise InputError("name the components of the measurement in the model: R is a function and counts none")
         nothing = np.zeros((*self._tracks, len(names)), self._dtype)
         given = self._given.noise(name, R), self._given.inputs(u, "sensor", name)
         before, fault = self.belief, np.array(self._state.fault)

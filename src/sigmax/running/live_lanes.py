@@ -45,9 +45,11 @@ class LaneState:
         self.fault = np.zeros(len(self.rows), np.int8)
         self._calls: dict[Any, Callable[..., Any]] = {}
         tracks = slice(None) if self._batched else 0
-        self.read_mean = ready(None, None, len(self.rows), (), (self.rows[tracks, : low.n],), kept=self.rows)
-        P, factors = np.empty((len(self.rows), low.n, low.n), self.dtype), self.rows[:, low.n :]
-        squaring = Squares(low.n, low.packing.size, 1, pointer(factors), pointer(P))
+        points, n = self.packing
+        self.read_mean = ready(None, None, len(self.rows), (), (self.rows[tracks, :points],), kept=self.rows)
+        factors = self.rows[:, points:]
+        P = np.empty((len(self.rows), n, n), self.dtype)
+        squaring = Squares(n, low.packing.size, 1, pointer(factors), pointer(P))
         self.read_cov = ready(low.driver["squares"], squaring, len(P), (), (P[tracks],), kept=factors)
         self.whole: dict[str | None, Callable[..., Any]] = {
             (s if model.several else None): self._ready(s, size, True, None, None) for s, size in named.items()
@@ -69,7 +71,7 @@ class LaneState:
         """(n, n) or (B, n, n)."""
         n = self.packing.n
         S = np.zeros((len(self.rows), n * n), self.dtype)
-        S[:, np.flatnonzero(np.tri(n))] = self.rows[:, n : n + n * (n + 1) // 2]
+        S[:, np.flatnonzero(np.tri(n))] = self.rows[:, self.packing.points :]
         return S.reshape(-1, n, n) if self._batched else S.reshape(n, n)
 
     def predict(self, dt: float, u: np.ndarray | None) -> None:
@@ -114,7 +116,7 @@ class LaneState:
             model = jax.tree.map(lambda leaf: leaf, model)
             model.R = {**model.R, str(sensor): R}
         low = self._lowered(0 if u is None else u.shape[-1], None if R is None else model)
-        B, n = len(self.rows), low.n
+        B = len(self.rows)
         wanted = [*([("predict",)] if moving else []), *([("correct", sensor, size)] if sensor is not None else [])]
         found = dict(zip([part[0] for part in wanted], low.need(*wanted), strict=True))
         numbers = low.parameters(model)
@@ -125,9 +127,10 @@ class LaneState:
         told: tuple[np.ndarray, ...] = ()
         sensors = (Sensor * 1)()
         if sensor is not None:
+            dim = model.measured_space(sensor, size).dim
             told = (
-                np.empty((B, size), self.dtype),
-                np.empty((B, size, size), self.dtype),
+                np.empty((B, dim), self.dtype),
+                np.empty((B, dim, dim), self.dtype),
                 np.empty(B, self.dtype),
                 np.empty(B, self.dtype),
                 np.empty(B, np.int64),
@@ -136,13 +139,14 @@ class LaneState:
                 found["correct"].address,
                 pointer(constants["correct"]),
                 series(z, 1, self._batched, False),
+                dim,
                 pointer(told[0]),
                 pointer(told[1]),
             )
         job = Record(
             B,
             1,
-            n,
+            *low.packing,
             low.packing.size,
             found["predict"].address if moving else None,
             pointer(constants.get("predict")),

@@ -36,7 +36,7 @@ class XlaState:
     @classmethod
     def of_prior(cls, filter: Filter, model: Model, mean: np.ndarray, cov: np.ndarray) -> "XlaState":
         """The state of a prior (n,) or (B, n), with a covariance for all or one for each."""
-        cov = np.broadcast_to(cov, (*mean.shape, mean.shape[-1]))
+        cov = np.broadcast_to(cov, (*mean.shape[:-1], *cov.shape[-2:]))
         return cls(filter, model, begun(batch_last(mean, 1), batch_last(cov, 2)))
 
     def read_mean(self) -> np.ndarray:

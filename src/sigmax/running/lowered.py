@@ -52,8 +52,8 @@ class Lowered:
         self.filter, self.structure, self.inputs, self.dtype = filter, structure, inputs, np.dtype(dtype)
         self._alone, self._numbers = alone, numbers
         self.zeros = [np.array(pattern).reshape(shape) for shape, pattern in zeros]
-        self.n = len(self._model([np.zeros(z.shape) for z in self.zeros]).joint_angular)
-        self.packing = Packing(self.n)
+        space = self._model([np.zeros(z.shape) for z in self.zeros]).joint_space
+        self.packing = Packing(space.size, space.dim)
         self._made: dict[tuple[Any, ...], Step] = {}
 
     def need(self, *parts: tuple[Any, ...]) -> list[Step]:
@@ -126,8 +126,8 @@ class Lowered:
     def _start(self) -> Program:
         """Mean and covariance, row by row below the diagonal -> belief, and whether it is one."""
         g = Graph(self.dtype)
-        n = self.n
-        mean, lower = self._given(g, (n,), (n * (n + 1) // 2,))
+        n = self.packing.n
+        mean, lower = self._given(g, (self.packing.points,), (n * (n + 1) // 2,))
         cov = np.empty((n, n), dtype=object)
         for place, node in zip(zip(*np.tril_indices(n), strict=True), lower, strict=True):
             cov[place] = cov[place[::-1]] = node

@@ -14,22 +14,24 @@ class Packing(NamedTuple):
     """How a belief becomes a row.
 
     Attributes:
-        n: components of the state.
+        points: numbers of the mean.
+        n: rows of the factor.
     """
 
+    points: int
     n: int
 
     @property
     def size(self) -> int:
         """Numbers in a row."""
-        return self.n + self.n * (self.n + 1) // 2
+        return self.points + self.n * (self.n + 1) // 2
 
     def symbols(self, g: Graph, group: str) -> list[Array]:
         """Mean and factor as inputs of a graph, zeros above the diagonal."""
         row = g.inputs(group, (self.size,))
         factor = g.constants(np.zeros((self.n, self.n)))
-        factor[np.tril_indices(self.n)] = row[self.n :]
-        return [row[: self.n], factor]
+        factor[np.tril_indices(self.n)] = row[self.points :]
+        return [row[: self.points], factor]
 
     def nodes(self, arrays: list[Array]) -> list[Node]:
         """The row of a belief that was computed, checked to be as `symbols` supposes.
@@ -45,8 +47,8 @@ class Packing(NamedTuple):
     def unpacked(self, rows: np.ndarray) -> Belief:
         """Rows (B, size) as a belief, batch last."""
         factor = np.zeros((self.n, self.n, len(rows)), rows.dtype)
-        factor[np.tril_indices(self.n)] = rows[:, self.n :].T
-        return Belief(rows[:, : self.n].T.copy(), factor)
+        factor[np.tril_indices(self.n)] = rows[:, self.points :].T
+        return Belief(rows[:, : self.points].T.copy(), factor)
 
     def packed(self, belief: Belief) -> np.ndarray:
         """The rows of a belief, batch last."""

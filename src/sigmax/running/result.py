@@ -135,8 +135,9 @@ class Smoothed:
         return [f"{w}: {fault.message}" for w, fault in zip(where, found, strict=True)]
 
     def errors(self, truth: ArrayLike) -> Any:
-        """Mean − truth (…, T, n), angles in [-π, π]; truth of shape (T, n) or (…, T, n), NaN where unknown.
+        """Mean − truth (…, T, d), angles in [-π, π]; truth of shape (T, n) or (…, T, n), NaN where unknown.
 
+        Of curved parts it is −(truth ⊟ mean), in the axes of the covariance.
         A frame is taken by the names of its columns.
 
         Raises:
@@ -146,9 +147,14 @@ class Smoothed:
         if value.shape not in (mean.shape, mean.shape[-2:]):
             shapes = " or ".join(map(str, dict.fromkeys((mean.shape[-2:], mean.shape))))
             raise InputError(f"the truth must have the shape {shapes}, for {list(self.state)}; it has {value.shape}")
-        difference = mean - value
-        period = np.where(self.layout.angular, TWO_PI, 0.0)
-        return difference - period * np.round(difference / TWO_PI)
+        space = self.layout.space
+        if space.flat:
+            difference = mean - value
+            period = np.where(space.periodic, TWO_PI, 0.0)
+            return difference - period * np.round(difference / TWO_PI)
+        array = jnp if is_traced((mean, value)) else np
+        value, mean = (array.moveaxis(array.asarray(a), -1, 0) for a in (array.broadcast_to(value, mean.shape), mean))
+        return array.moveaxis(-space.difference(space.nearest(value), mean), 0, -1)
 
 
 @jax.tree_util.register_dataclass

@@ -114,8 +114,9 @@ class RowSteps:
         """
         z = np.ascontiguousarray(z, self.dtype)
         if not len(rows):
-            m = z.shape[-1]
-            told = Innovation(z, np.empty((0, m, m), self.dtype), *(np.empty(0, self.dtype),) * 2, np.empty(0, int))
+            m = self.model.measured_space(sensor, z.shape[-1]).dim
+            none = np.empty(0, self.dtype)
+            told = Innovation(none.reshape(0, m), none.reshape(0, m, m), none, none, np.empty(0, int))
             return rows, told, np.zeros(0, np.int8)
 
         def xla() -> Corrected:
@@ -128,7 +129,7 @@ class RowSteps:
 
     def mean(self, rows: np.ndarray) -> np.ndarray:
         """The means (B, n)."""
-        return rows[:, : self.packing.n]
+        return rows[:, : self.packing.points]
 
     def cov(self, rows: np.ndarray) -> np.ndarray:
         """The covariances (B, n, n)."""
@@ -138,7 +139,7 @@ class RowSteps:
         """The lower factors S of the covariances, P = S Sᵀ (B, n, n)."""
         n = self.packing.n
         S = np.zeros((len(rows), n * n), rows.dtype)
-        S[:, self._lower] = rows[:, n : n + n * (n + 1) // 2]
+        S[:, self._lower] = rows[:, self.packing.points :]
         return S.reshape(-1, n, n)
 
     def _native(
@@ -181,7 +182,8 @@ class RowSteps:
         self, state: np.ndarray, dt: np.ndarray | None, sensor: str | None, z: np.ndarray | None, given: Any
     ) -> tuple[Record, np.ndarray, Innovation, np.ndarray]:
         """A half-step on rows, in place, as the driver takes it, and where its results will be."""
-        B, m = len(state), 0 if z is None else z.shape[-1]
+        B = len(state)
+        m = 0 if z is None else self.model.measured_space(str(sensor), z.shape[-1]).dim
         low, step, constants = self._made(*self._which(sensor, z, given))
         fault = np.zeros(B, np.int8)
         told = Innovation(
@@ -191,7 +193,7 @@ class RowSteps:
             np.empty(B, self.dtype),
             np.empty(B, np.int64),
         )
-        job = Record(tracks=B, steps=1, n=low.n, size=low.packing.size)
+        job = Record(tracks=B, steps=1, points=low.packing.points, n=low.packing.n, size=low.packing.size)
         job.state, job.fault = pointer(state), pointer(fault)
         job.dt = job.u = EMPTY
         if given is not None:
@@ -201,7 +203,7 @@ class RowSteps:
             job.predict, job.c, job.dt = step.address, pointer(constants), series(dt, 0, True, False)
         else:
             seen = series(z, 1, True, False)
-            only = Sensor(step.address, pointer(constants), seen, pointer(told.residual), pointer(told.factor))
+            only = Sensor(step.address, pointer(constants), seen, m, pointer(told.residual), pointer(told.factor))
             # The job keeps the array of sensors it points at; the arrays of numbers are kept by who made them.
             job.sensors, job.sensor = 1, (Sensor * 1)(only)
             job.nis, job.log_likelihood, job.dof = (pointer(a) for a in told[2:])

@@ -48,7 +48,8 @@ def _fingerprint(filter: Filter, model: Model) -> str | None:
     if None in parts:
         return None
     numbers = [(np.shape(a), np.asarray(a, float).tobytes()) for a in jax.tree.leaves(model)]
-    about = parts, numbers, model.angular, model.measurement_angles(), model.fusion
+    spaces = model.space, *(None if m is None else m.space for m in model.measured.values())
+    about = parts, numbers, spaces, model.fusion
     return hashlib.sha256(repr(about).encode()).hexdigest()
 
 

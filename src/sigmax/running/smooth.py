@@ -85,9 +85,10 @@ def _check_layout(model: Model, ran: Layout, bias_first: bool) -> None:
     for what, ours, theirs in (("state", here.state, ran.state), ("bias", here.bias, ran.bias)):
         if ours != theirs:
             raise InputError(f"the model is not that of the run: its {what} is {list(ours)}, of the run {list(theirs)}")
-    if here.angular != ran.angular:
-        marked = [name for name, angle in zip(ran.state, ran.angular, strict=True) if angle]
-        raise InputError(f"the model is not that of the run, whose angles are {marked}")
+    if here.space != ran.space:
+        marked = [name for name, angle in zip(ran.state, ran.space.periodic, strict=False) if angle]
+        what = f"angles are {marked}" if ran.space.flat else f"space is {ran.space}"
+        raise InputError(f"the model is not that of the run, whose {what}")
     if here.several != ran.several:
         raise InputError("the model is not that of the run: one has a sensor, the other several by name")
     if here != ran._replace(fusion=()):

@@ -2,18 +2,20 @@
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import product, times, wrap
+from sigmax.algebra.arrays import product, times
 from sigmax.algebra.factor import Matrix, absorb, add, dense, downdate, pivoted, raised, release, solve_lower, tria
 from sigmax.filters import Filter
 from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise
 from sigmax.models.model import Model
+from sigmax.rules import Taylor1
+from sigmax.rules.charted import linearized
 from sigmax.rules.linearization import Linearization
 from sigmax.running.step import Fault
 from sigmax.running.updating import ROUNDING
+from sigmax.spaces import reset
 
 State = tuple[Any, Any]  # mean (n, ...) and factor (n, n, ...)
 
@@ -55,7 +57,7 @@ def _back(
     line, L = _in_domain(model, line, Lq)
     # Rounding counts as noise: neither a row of E and S nor the mean is better than its last digits.
     rows = jnp.abs(line.slope).sum(1) + jnp.abs(S).sum(1)
-    L = raised(L, float(np.finfo(x.dtype).eps) * (ROUNDING * rows + 4 * jnp.abs(line.mean)))
+    L = raised(L, float(np.finfo(x.dtype).eps) * (ROUNDING * rows + 4 * model.joint_space.magnitude(line.mean)))
     predicted, cross, left = absorb(L, line.slope, S)
     taken = line.deficit
     if taken.shape[1]:
@@ -64,13 +66,17 @@ def _back(
         predicted, cross = (jnp.where(exists, a, b) for a, b in ((less.factor, predicted), (less.cross, cross)))
         taken = jnp.where(exists, less.rest, 0)
     later_mean, later_factor = later
-    ahead = wrap(later_mean - line.mean, model.joint_angular)
+    space = model.joint_space
+    ahead = space.difference(later_mean, line.mean)
+    later_factor = space.turned_back(line.mean, ahead, later_factor)
     along = _solved(predicted, jnp.concatenate([ahead[:, None], later_factor], axis=1))
-    mean = wrap(x + times(cross, along[:, 0]), model.joint_angular)
+    shift = times(cross, along[:, 0])
+    mean = space.add(x, shift)
     factor = tria(jnp.concatenate([left, product(cross, along[:, 1:])], axis=1))
     if taken.shape[1]:
         factor, exists = downdate(factor, taken)
         sound &= exists
+    factor = reset(space, x, shift, factor).factor
     return mean, factor, sound & jnp.isfinite(mean.sum(0) + factor.sum((0, 1)))
 
 
@@ -86,8 +92,11 @@ def _in_domain(model: Model, line: Linearization, Lq: Matrix) -> tuple[Lineariza
     function = in_domain(model, line.mean.ndim > 1)
     if function is None:
         return line, L
-    mean, derivative = jax.linearize(function, line.mean)
-    turn = jax.vmap(derivative, in_axes=1, out_axes=1)
-    deficit = turn(line.deficit) if line.deficit.shape[1] else line.deficit
-    turned = Linearization(wrap(mean, model.joint_angular), turn(line.slope), line.residual, deficit)
-    return turned, tria(turn(dense(L)))
+    space = model.joint_space
+
+    def turned(M: Any) -> Linearization:
+        return linearized(Taylor1(), function, line.mean, M, space, space)
+
+    slope = turned(line.slope)
+    deficit = turned(line.deficit).slope if line.deficit.shape[1] else line.deficit
+    return Linearization(slope.mean, slope.slope, line.residual, deficit), tria(turned(dense(L)).slope)

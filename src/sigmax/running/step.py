@@ -8,15 +8,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import diagonal, wrap
+from sigmax.algebra.arrays import diagonal
 from sigmax.algebra.factor import Matrix, raised, tria
 from sigmax.filters import Filter
 from sigmax.forms import Predicted
 from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise, sensor_noise
 from sigmax.models.model import Model
 from sigmax.models.noise import Noise
+from sigmax.rules import Taylor1
+from sigmax.rules.charted import linearized
 from sigmax.rules.linearization import Linearization
-from sigmax.running.updating import ROUNDING, observing, updated
+from sigmax.running.updating import ROUNDING, observing, there, update_on, updated
+from sigmax.spaces import reset
 
 LOG_2PI = math.log(2 * math.pi)
 
@@ -131,7 +134,8 @@ def correct(
 ) -> tuple[Belief, Innovation, jax.Array]:
     """The belief after a measurement z (m, ...) of one sensor, NaN in it meaning missing."""
     x, S = belief
-    seen = ~jnp.isnan(z)
+    space = model.joint_space
+    _, seen = there(model.measured_space(sensor, z.shape[0]), z)
     count = seen.sum(0)
     with jax.named_scope("the noise of the sensor"):
         Lr, noise_sound = sensor_noise(model, R, x, u, seen)
@@ -139,13 +143,15 @@ def correct(
     with jax.named_scope("the sensor, linearised"):
         first = observe()
     with jax.named_scope("the update"):
-        taken, whitened, Sy, weighed = updated(filter, observe, first, count)
+        taken, whitened, Sy, weighed = updated(filter, update_on(filter, model), observe, first, count)
     with jax.named_scope("the correction"):
         done = filter.form.correct(S, taken.line, taken.noise, taken.innovation)
     if whitened is None or Sy is None:
         whitened, Sy = done.whitened, done.innovation_factor
     factor = raised(done.factor, ROUNDING * float(np.finfo(x.dtype).eps) * jnp.abs(S).sum(1))
-    new = _in_domain(model, Belief(wrap(x + done.shift, model.joint_angular), factor))
+    if update_on(filter, model).reset:
+        factor = reset(space, x, done.shift, factor).factor
+    new = _in_domain(model, Belief(space.add(x, done.shift), factor))
     nis = (whitened**2).sum(0)
     variances = diagonal(done.innovation_factor)
     sound = done.sound & (variances > 0).all(0) & _finite(new.mean, new.factor) & jnp.isfinite(nis)
@@ -195,9 +201,9 @@ def _in_domain(model: Model, belief: Belief) -> Belief:
     function = in_domain(model, belief.mean.ndim > 1)
     if function is None:
         return belief
-    mean, derivative = jax.linearize(function, belief.mean)
-    factor = tria(jax.vmap(derivative, in_axes=1, out_axes=1)(belief.factor))
-    return Belief(wrap(mean, model.joint_angular), factor)
+    space = model.joint_space
+    line = linearized(Taylor1(), function, belief.mean, belief.factor, space, space)
+    return Belief(line.mean, tria(line.slope))
 
 
 def _finite(*arrays: jax.Array) -> jax.Array:

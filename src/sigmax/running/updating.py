@@ -11,14 +11,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import product, times, wrap
+from sigmax.algebra.arrays import product, times
 from sigmax.algebra.factor import Diagonal, Matrix, add, dense, downdate, identity, raised, solve_lower
 from sigmax.algebra.rotations import rotate
-from sigmax.filters import Filter, Weighed, once
+from sigmax.filters import Filter, Update, Weighed, iterated, once
 from sigmax.forms.noise import noise_factor
-from sigmax.models.evaluate import sensing
+from sigmax.models.evaluate import linearized_sensor
 from sigmax.models.model import Model
 from sigmax.rules.linearization import Linearization
+from sigmax.spaces import Space, reset
 
 # Units of rounding of its row to which an entry of a factor or a slope is not trusted. What rounding leaves of an
 # exact zero enters a gain as its square against the square of this: an error of 1 / ROUNDING² is left of it.
@@ -66,21 +67,26 @@ def observing(
     filter: Filter, model: Model, sensor: str, Lr: Matrix, x: jax.Array, S: jax.Array, z: jax.Array, u: Any
 ) -> Observe:
     """The measurement by the sensor's line, as a function of t (n, ...) and of D, the root of t's covariance."""
-    seen = ~jnp.isnan(z)
-    angular = model.measured_angular(sensor, z.shape[0])
+    space, onto = model.joint_space, model.measured_space(sensor, z.shape[0])
+    known, seen = there(onto, z)
     eps = float(np.finfo(x.dtype).eps)
 
     def observe(t: jax.Array | None = None, D: jax.Array | None = None) -> Observed:
-        at = x if t is None else wrap(x + times(S, t), model.joint_angular)
-        line = filter.correct(sensing(model, sensor, at, u), at, S if D is None else product(S, D), angular)
-        residual = jnp.where(seen, wrap(jnp.where(seen, z, 0) - line.mean, angular), 0)
+        shift = None if t is None else times(S, t)
+        at = x if shift is None else space.add(x, shift)
+        # The columns of the prior seen from there: those of D first, as a rule wants a triangle.
+        moved = None if shift is None or D is None else reset(space, x, shift, product(S, D))
+        spread = moved.factor if moved is not None else S if shift is None else space.turned(x, shift, S)
+        line = linearized_sensor(filter.correct, model, sensor, at, spread, u, z.shape[0])
+        measured = jnp.where(known, z, 0 if onto.flat else line.mean)
+        residual = jnp.where(seen, onto.difference(onto.nearest(measured), line.mean), 0)
         slope = jnp.where(seen[:, None], line.slope, 0)
         line = line._replace(
-            slope=slope if D is None else _over(slope, D),
+            slope=slope if moved is None or D is None else _over(moved.unturned(slope), D),
             residual=jnp.where(seen[:, None], line.residual, 0),
             deficit=jnp.where(seen[:, None], line.deficit, 0),
         )
-        least = ROUNDING * eps * jnp.abs(line.slope).sum(1) + jnp.where(seen, 4 * eps * jnp.abs(line.mean), 0)
+        least = ROUNDING * eps * jnp.abs(line.slope).sum(1) + jnp.where(seen, 4 * eps * onto.magnitude(line.mean), 0)
         noise = raised(Lr, least)
         line, widened = without_deficit(line, noise)
         innovation = residual if t is None else residual + times(line.slope, t)
@@ -89,19 +95,38 @@ def observing(
     return observe
 
 
-def updated(filter: Filter, observe: Observe, first: Observed, seen: jax.Array) -> Updated:
-    """The measurement as the filter's update takes it, `seen` (...) of its components being there.
+def update_on(filter: Filter, model: Model) -> Update:
+    """The update of a filter on a model: its own, or that of the space where it has none.
+
+    On a curved space the corrected covariance is seen from the new mean, and so the line has to be about it.
+    """
+    return filter.update or (iterated(1) if model.curved else once)
+
+
+def there(space: Space, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Which numbers of a measurement (m, ...) count as measured, and which of its deviations (d, ...).
+
+    Of a curved part all numbers, or none.
+    """
+    known = ~jnp.isnan(z)
+    if space.flat:
+        return known, known
+    parts = [known[at] if p.flat else jnp.broadcast_to(known[at].all(0), known[at].shape) for p, at, _ in space.parts()]
+    return jnp.concatenate(parts), space.whole(known)
+
+
+def updated(filter: Filter, update: Update, observe: Observe, first: Observed, seen: jax.Array) -> Updated:
+    """The measurement as an update takes it, `seen` (...) of its components being there.
 
     Innovation and NIS are those of the first line: a gate and a test of consistency judge the prediction.
     """
-    update = filter.update
-    if update == once:
+    if update.weight is None and not update.iterations:
         return Updated(first)
     noise, _ = noise_factor(first.line, first.noise)
     factor = add(noise, first.line.slope)
     whitened = solve_lower(factor, first.innovation)
     weighed = None if update.weight is None else update.weight(whitened, seen)
-    last = _iterated(filter, observe, first, weighed) if update.iterations else first
+    last = _iterated(filter, update, observe, first, weighed) if update.iterations else first
     return Updated(last if weighed is None else _weighted(last, weighed, filter.form.omega), whitened, factor, weighed)
 
 
@@ -116,12 +141,12 @@ def without_deficit(line: Linearization, L: Matrix) -> tuple[Linearization, jax.
     return line._replace(deficit=jnp.where(exists, line.deficit, 0)), ~exists
 
 
-def _iterated(filter: Filter, observe: Observe, first: Observed, weighed: Weighed | None) -> Observed:
+def _iterated(filter: Filter, update: Update, observe: Observe, first: Observed, weighed: Weighed | None) -> Observed:
     """The line about the posterior of the line before, so many times; where it is guarded, the best one by its cost.
 
     A Gauss–Newton step that does not lower |t|² + |L_r⁻¹ (z ⊟ ŷ)|² is halved from the best t so far.
     """
-    update, omega = filter.update, filter.form.omega
+    omega = filter.form.omega
     local = getattr(filter.correct, "local", False)
     best, t, cost = first, jnp.zeros_like(first.line.slope[0]), _misfit(first, weighed)
     step, better = t, jnp.ones(t.shape[1:], bool)

@@ -14,6 +14,7 @@ from sigmax.rules import Marginal, SigmaPoints, Taylor1, Taylor2
 from sigmax.rules.linearization import Function, Rule
 from sigmax.running.edge import prepare
 from sigmax.running.timing import seconds
+from sigmax.running.updating import update_on
 from sigmax.studies.simulate import draw
 from sigmax.studies.study import Study
 
@@ -88,7 +89,7 @@ def _evaluations(filter: Filter, model: Model, inputs: np.ndarray | None) -> tup
         angular = model.measured_angular(name, jax.eval_shape(h, x).shape[0])
         sensors.append(_times(filter.correct, h, n, angular))
     motion = _times(filter.predict, moving(model, x, dt, u), n, model.angular)
-    each = 1 + filter.update.iterations
+    each = 1 + update_on(filter, model).iterations
     return motion, None if None in sensors else sum(each * k for k in sensors if k is not None)
 
 

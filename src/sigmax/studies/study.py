@@ -12,6 +12,7 @@ from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.models import Gaussian, Model
 from sigmax.models.checks import finite, numbers
+from sigmax.models.model import check_flat
 from sigmax.models.whole import with_bias
 
 # What a start may be estimated by; a function (x0, w) -> mean besides.
@@ -93,6 +94,7 @@ class Study:
     apart: Model | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
+        check_flat(self.model, "a study")
         if self.model.bias is not None and self.prior.size == self.model.size and self.prior.mean.ndim == 1:
             model, prior = with_bias(self.model, self.prior)
             for what, value in (("apart", self.model), ("model", model), ("prior", prior)):

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.checks import members, numbers
-from sigmax.models.model import Model
+from sigmax.models.model import Model, check_flat
 from sigmax.running.rows import RowSteps
 from sigmax.tracking.mixture import merged, summed
 
@@ -88,6 +88,7 @@ class Modes:
         for _, m in modes:
             if not isinstance(m, Model):
                 raise InputError(f"a mode is a filter and a sigmax.Model; this one has {type(m).__name__}")
+            check_flat(m, "a tracker")
         self.steps = [RowSteps(f, m, dtype=dtype, backend=backend) for f, m in modes]
         self.model: Model = modes[0][1]
         for _, m in modes[1:]:

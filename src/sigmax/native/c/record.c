@@ -18,11 +18,12 @@ typedef struct {
     Step correct;
     const R *c;
     Series z;
+    long dim; /* deviations of what it measures */
     R *residual, *factor;
 } Sensor;
 
 typedef struct {
-    long tracks, steps, n, size;
+    long tracks, steps, points, n, size; /* numbers of the mean, rows of the factor, both together */
     Step predict; /* absent: no time passes */
     const R *c;
     Series dt, u;
@@ -86,7 +87,7 @@ void record(const Record *r, long first, long end) {
             }
             for (long s = 0; s < r->sensors; s++) {
                 const Sensor *sensor = r->sensor + s;
-                const long m = sensor->z.size;
+                const long m = sensor->z.size, dim = sensor->dim;
                 M heard = v_unequal(K(0), K(0));
                 gather(&sensor->z, first, end, t, given);
                 for (long i = 0; i < m; i++) {
@@ -102,21 +103,21 @@ void record(const Record *r, long first, long end) {
                     likelihood += told[LOG_LIKELIHOOD];
                     fault = v_select(v_at_most(fault, K(0)) & v_unequal(told[FAULT], K(0)), told[FAULT], fault);
                 } else {
-                    for (long i = 0; i < m; i++) told[RESIDUAL + i] = missing;
-                    for (long i = 0; i < m * m; i++) told[RESIDUAL + m + i] = K(0);
+                    for (long i = 0; i < dim; i++) told[RESIDUAL + i] = missing;
+                    for (long i = 0; i < dim * dim; i++) told[RESIDUAL + dim + i] = K(0);
                 }
                 for (int lane = 0; lane < lanes; lane++) {
                     const long at = (first + lane) * r->steps + t;
-                    if (sensor->residual) put(told + RESIDUAL, m, lane, sensor->residual + at * m);
-                    if (sensor->factor) put(told + RESIDUAL + m, m * m, lane, sensor->factor + at * m * m);
+                    if (sensor->residual) put(told + RESIDUAL, dim, lane, sensor->residual + at * dim);
+                    if (sensor->factor) put(told + RESIDUAL + dim, dim * dim, lane, sensor->factor + at * dim * dim);
                 }
             }
             total += likelihood;
             nis = v_select(v_less(K(0), dof), nis, missing);
             for (int lane = 0; lane < lanes; lane++) {
                 const long at = (first + lane) * r->steps + t;
-                if (r->mean) put(now, r->n, lane, r->mean + at * r->n);
-                if (r->factor) put_factor(now + r->n, r->n, lane, r->factor + at * r->n * r->n);
+                if (r->mean) put(now, r->points, lane, r->mean + at * r->points);
+                if (r->factor) put_factor(now + r->points, r->n, lane, r->factor + at * r->n * r->n);
                 if (r->fault) r->fault[at] = (signed char)fault[lane];
                 if (r->nis) r->nis[at] = nis[lane];
                 if (r->dof) r->dof[at] = (long long)dof[lane];
@@ -131,7 +132,7 @@ void record(const Record *r, long first, long end) {
 }
 
 typedef struct {
-    long tracks, steps, n, size;
+    long tracks, steps, points, n, size; /* numbers of the mean, rows of the factor, both together */
     Back back;
     const R *c;
     Series mean, factor, fault, dt, u; /* filtered, of all steps; a fault as a number */
@@ -142,8 +143,8 @@ typedef struct {
 static void put_smoothed(const Smoothing *s, const V *state, V failed, long first, int lanes, long t) {
     for (int lane = 0; lane < lanes; lane++) {
         const long at = (first + lane) * s->steps + t;
-        put(state, s->n, lane, s->new_mean + at * s->n);
-        put_factor(state + s->n, s->n, lane, s->new_factor + at * s->n * s->n);
+        put(state, s->points, lane, s->new_mean + at * s->points);
+        put_factor(state + s->points, s->n, lane, s->new_factor + at * s->n * s->n);
         s->failed[at] = (signed char)failed[lane];
     }
 }
@@ -152,7 +153,7 @@ static void put_smoothed(const Smoothing *s, const V *state, V failed, long firs
 static void gather_state(const Smoothing *s, long first, long end, long t, V *wide, V *to) {
     gather(&s->mean, first, end, t, to);
     gather(&s->factor, first, end, t, wide);
-    to += s->n;
+    to += s->points;
     for (long i = 0; i < s->n; i++)
         for (long j = 0; j <= i; j++) *to++ = wide[i * s->n + j];
 }

@@ -1,0 +1,58 @@
+"""Filter, model and prior together, as the engines take them."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.errors import InputError
+from sigmax.filters import Filter
+from sigmax.models.bias import joint
+from sigmax.models.checks import enough_memory, is_traced
+from sigmax.models.gaussian import Gaussian
+from sigmax.models.model import Model
+from sigmax.running.current import check_model
+
+
+def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model, Gaussian]:
+    """Filter, model and prior as the engines take them: a bias beside the state, where the form wants it.
+
+    Raises:
+        InputError: where one of them is something else, or the prior does not fit the model.
+    """
+    check_model(model)
+    if not isinstance(prior, Gaussian):
+        raise InputError(f"prior must be a sigmax.Gaussian, it is {type(prior).__name__}")
+    if prior.size != model.size:
+        raise InputError(f"the prior has {prior.size} components, the model {model.size}: {list(model.state)}")
+    if prior.dim != model.dim:
+        raise InputError(
+            f"the covariance of the prior is of {prior.dim} deviations, the model has {model.dim}: "
+            f"{list(model.deviations)}"
+        )
+    if not model.space.flat:
+        prior = _on_space(model, prior)
+    tracks, n = len(prior.mean) if prior.mean.ndim == 2 else 1, model.size + model.biases
+    enough_memory(f"a filter of {tracks} tracks", (2.0 * n + n * n) * tracks)
+    filter, first = filter.on(model.biases), filter.form.bias_first
+    if model.bias is not None:
+        prior = joint(prior, model.bias.starting(), first)
+    return filter, model.placed(first), prior
+
+
+def _on_space(model: Model, prior: Gaussian) -> Gaussian:
+    """The prior with its mean on the model's space, to the last digit.
+
+    Raises:
+        InputError: where it is not near it.
+    """
+    array: Any = jnp if is_traced(prior.mean) else np
+    near = array.moveaxis(model.space.nearest(array.moveaxis(prior.mean, -1, 0)), 0, -1)
+    if array is np:
+        gap = np.abs(near - prior.mean).reshape(-1, prior.size).max(0)
+        off = [name for name, far in zip(model.state, gap, strict=True) if not far < 1e-3]
+        if off:
+            raise InputError(f"the mean of the prior must have unit length where it turns or points, in {off}")
+    made = object.__new__(Gaussian)
+    made.mean, made.cov = near, prior.cov
+    return made
