@@ -1,5 +1,6 @@
 """Laws of filters on curved spaces: turned with its world, an answer turns with it and is the same otherwise."""
 
+import warnings
 from dataclasses import replace
 from functools import cache
 
@@ -344,6 +345,17 @@ def with_domain(domain):
         domain=domain,
         state=(sigmax.rotation("attitude"), "bx", "by", "bz"),
     )
+
+
+def test_sigma_points_beyond_half_a_turn_are_told():
+    wide = sigmax.Gaussian([1.0, 0, 0, 0], np.full(3, 2.0**2))
+    z = np.tile([1.0, 0, 0, 0], (2, 1))
+    with pytest.warns(UserWarning, match="198° from the mean of p.roll"):
+        sigmax.run("SRCKFB", on("rotation"), wide, z)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sigmax.run("EKF", on("rotation"), wide, z)
+        sigmax.run("SRCKFB", on("rotation"), sigmax.Gaussian([1.0, 0, 0, 0], np.full(3, 1.8**2)), z)
 
 
 def refused(model, cov, mean=(1.0, 0.0, 0.0, 0.0), filter="EKF"):

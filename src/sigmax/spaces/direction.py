@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from sigmax.spaces.quaternions import arc, of_unit_length, squared, stumpff
 from sigmax.spaces.space import Space, arrays
 
@@ -18,7 +16,7 @@ class Direction(Space):
 
     numbers = ("x", "y", "z")
     deviations = ("across", "beside")
-    reach = np.pi
+    turns = 2
 
     def add(self, x: Any, delta: Any) -> Any:
         """The point x cos |δ| + B(x) δ sin |δ|/|δ|."""

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from sigmax.spaces.quaternions import (
     conjugate,
     cross,
@@ -29,7 +27,7 @@ class Rotation(Space):
 
     numbers = ("w", "x", "y", "z")
     deviations = ("roll", "pitch", "yaw")
-    reach = np.pi
+    turns = 3
 
     def add(self, x: Any, delta: Any) -> Any:
         """Q exp(δ)."""
@@ -65,7 +63,7 @@ class Pose3(Space):
     """
 
     velocity: bool = False
-    reach = np.pi
+    turns = 3
 
     @property
     def _vectors(self) -> tuple[str, ...]:
@@ -132,7 +130,7 @@ class Pose2(Space):
 
     numbers = ("heading", "x", "y")
     deviations = ("heading", "x", "y")
-    reach = np.pi
+    turns = 1
 
     def add(self, x: Any, delta: Any) -> Any:
         """The pose x · Exp(δ)."""

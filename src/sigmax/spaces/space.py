@@ -30,12 +30,12 @@ class Space(ABC):
         size: numbers of a point.
         numbers: names of the numbers of a point.
         deviations: names of the numbers of a difference.
-        reach: the largest angle of a difference, infinite where there is none.
+        turns: how many of the first deviations are turns: beyond π they lead back.
     """
 
     numbers: tuple[str, ...]
     deviations: tuple[str, ...]
-    reach: float = np.inf
+    turns: int = 0
 
     @property
     def size(self) -> int:
