@@ -31,10 +31,10 @@ FORMS = {
     "covariance": forms.covariance,
     "square root": forms.square_root,
     "square root, block": forms.block,
-    "information": forms.information["exact"],
+    "information": forms.information,
     "square root, information": forms.root_information,
-    "two stages": forms.two_stage["covariance"],
-    "two stages, information": forms.two_stage["exact"],
+    "two stages": forms.two_stage(forms.covariance),
+    "two stages, information": forms.two_stage(forms.information),
 }
 SHAPES = [
     Shape(1, (1,), 0), Shape(2, (1,), 1), Shape(3, (2,), 0), Shape(3, (2, 1), 2), Shape(4, (2,), 0),

@@ -384,7 +384,7 @@ MESSAGES = {
     ),
     "a parameter in words": (lambda: sigmax.get("UKF", alpha="abc"), "alpha of UKF must be a finite number"),
     "no noise": (lambda: sigmax.Model(motion=lambda x, dt: x, sensor=lambda x: x, Q=[1.0], R=[]), "R is empty"),
-    "forms": (lambda: sigmax.Filter(sigmax.Taylor1(), sigmax.Taylor1(), forms.information), "take one of it: 'exact'"),
+    "forms": (lambda: sigmax.Filter(sigmax.Taylor1(), sigmax.Taylor1(), forms.two_stage), r"write two_stage\("),
     "a class": (lambda: sigmax.Filter(sigmax.Taylor1, sigmax.Taylor1(), forms.block), r"write Taylor1\(\)"),
     "noise by row": (lambda: model(R=np.ones((4, 1))), "function of the inputs, R=lambda x, u"),
     "dt too short by one": (lambda: sigmax.run("EKF", PLAIN, PRIOR, Z, dt=[1, 1, 1]), "update_first=True"),

@@ -153,7 +153,7 @@ def test_drawn_in_the_best_order_the_ways_to_treat_a_bias_are_one():
 def test_two_stages_as_printed_are_the_information_filter_as_printed(name):
     printed = answer(sigmax.get(name, information="paper"))
     rules = sigmax.get(name)
-    form = replace(sigmax.forms.information["paper"], bias_first=True)
+    form = replace(sigmax.forms.without_omega(sigmax.forms.information), bias_first=True)
     assert gap(printed, answer(sigmax.Filter(rules.predict, rules.correct, form))) < 1e-9
     assert gap(printed, answer(name)) > 1e-3
 
@@ -186,7 +186,9 @@ def test_what_cannot_be_projected_is_refused():
     rule = sigmax.Marginal(sigmax.Taylor1(), exact=True)
     with pytest.raises(sigmax.InputError, match="only a sigma set"):
         sigmax.run(sigmax.Filter(rule, rule, sigmax.forms.block), BIASED, PRIOR, record())
-    mixed = sigmax.Filter(sigmax.Marginal(sigmax.Taylor1()), sigmax.Taylor1(), sigmax.forms.two_stage["exact"])
+    mixed = sigmax.Filter(
+        sigmax.Marginal(sigmax.Taylor1()), sigmax.Taylor1(), sigmax.forms.two_stage(sigmax.forms.information)
+    )
     with pytest.raises(sigmax.InputError, match="marginal rule takes the bias behind"):
         sigmax.run(mixed, BIASED, PRIOR, record())
     assert projected(2, of=gauss_hermite, biases=1).evaluations == 9

@@ -10,7 +10,8 @@ from sigmax.errors import InputError, unknown
 from sigmax.filters.filter import Filter
 from sigmax.filters.parameters import fitted
 from sigmax.filters.update import Update, iterated, named
-from sigmax.forms import Form, block, covariance, information, root_information, square_root, two_stage
+from sigmax.forms import Form, block, covariance, root_information, square_root, two_stage, without_omega
+from sigmax.forms import information as of_information
 from sigmax.rules import (
     Marginal,
     Rule,
@@ -107,13 +108,9 @@ def _block() -> Form:
 
 
 def _information(information: str = "exact") -> Form:
-    return _INFORMATION[_kind_of(information)]
-
-
-def _kind_of(information: str) -> str:
     if information not in _INFORMATION:
         raise unknown("kind of information form", information, _INFORMATION)
-    return information
+    return _INFORMATION[information]
 
 
 def _root_information() -> Form:
@@ -121,11 +118,11 @@ def _root_information() -> Form:
 
 
 def _two_stage() -> Form:
-    return two_stage["covariance"]
+    return two_stage(covariance)
 
 
 def _two_stage_information(information: str = "exact") -> Form:
-    return two_stage[_kind_of(information)]
+    return two_stage(_information(information))
 
 
 def _marginal3(points: str = "state", permute: bool = False) -> Rule:
@@ -143,7 +140,7 @@ def _projected(points: str) -> bool:
 
 
 _POINTS = ("state", "projected")
-_INFORMATION = information
+_INFORMATION = {"exact": of_information, "paper": without_omega(of_information)}
 _T1, _T2, _T2H, _SO = _taylor1, _taylor2_motion, _taylor2_sensor, _second_order_motion
 _U, _C3, _C5, _SX, _GH = _unscented, _cubature3, _cubature5, _simplex, _gauss_hermite
 _M3, _M5 = _marginal3, _marginal5

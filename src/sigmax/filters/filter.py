@@ -1,7 +1,8 @@
 """A filter is four parts; any combination works."""
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
+from types import FunctionType
 
 from sigmax.errors import InputError
 from sigmax.filters.update import Update
@@ -62,5 +63,6 @@ class Filter:
 def _said(given: object) -> str:
     if isinstance(given, type):
         return f"the class {given.__name__}, not one made of it: write {given.__name__}()"
-    keys = f"; take one of it: {', '.join(map(repr, given))}" if isinstance(given, Mapping) else ""
-    return f"{type(given).__name__}{keys}"
+    if isinstance(given, FunctionType):
+        return f"the function {given.__name__}: write {given.__name__}(…)"
+    return type(given).__name__

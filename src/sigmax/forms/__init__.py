@@ -1,7 +1,7 @@
 """Forms: what a filter does with a linearisation and the factor of its covariance."""
 
 from sigmax.forms.form import Corrected, Form, Predicted
-from sigmax.forms.information import information, root_information
+from sigmax.forms.information import information, root_information, without_omega
 from sigmax.forms.square_root import block, covariance, square_root
 from sigmax.forms.two_stage import two_stage
 
@@ -15,4 +15,5 @@ __all__ = [
     "root_information",
     "square_root",
     "two_stage",
+    "without_omega",
 ]

@@ -1,5 +1,8 @@
 """The information forms: measurements add to the inverse of the covariance, in units of its factor."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
 import jax
 
 from sigmax.algebra.arrays import product, times
@@ -22,16 +25,23 @@ def _exact(S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corr
     return Corrected(times(S, times(gain, whitened)), product(S, D), whitened, Sy, sound)
 
 
-def _paper(S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
-    """Y⁺ = Y + Aᵀ R⁻¹ A as printed by Zhang et al.: Ω is dropped, so the filter is overconfident."""
-    noise, sound = noise_factor(line, Lr)
-    done = _exact(S, line._replace(residual=line.residual[:, :0], deficit=line.deficit[:, :0]), Lr, nu)
-    Sy = add(noise, line.slope)
-    return done._replace(whitened=solve_lower(Sy, nu), innovation_factor=Sy, sound=sound)
+@dataclass(frozen=True)
+class _WithoutOmega:
+    """A correction that counts R alone in its gain, and R + Ω in what it says of the innovation."""
+
+    correct: Callable[[jax.Array, Linearization, Matrix, jax.Array], Corrected]
+
+    def __call__(self, S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
+        noise, sound = noise_factor(line, Lr)
+        bare = line._replace(residual=line.residual[:, :0], deficit=line.deficit[:, :0])
+        Sy = add(noise, line.slope)
+        return self.correct(S, bare, Lr, nu)._replace(whitened=solve_lower(Sy, nu), innovation_factor=Sy, sound=sound)
 
 
-information = {
-    "exact": Form("information", predict_squared, _exact),
-    "paper": Form("information, as printed", predict_squared, _paper, omega=False),
-}
+def without_omega(form: Form) -> Form:
+    """A form whose correction drops Ω, Y⁺ = Y + Aᵀ R⁻¹ A as Zhang et al. print it: the filter is overconfident."""
+    return replace(form, name=f"{form.name}, as printed", correct=_WithoutOmega(form.correct), omega=False)
+
+
+information = Form("information", predict_squared, _exact)
 root_information = Form("square root, information", predict, _exact)

@@ -10,18 +10,17 @@ the columns of the slope E = [E₂, E₁] are N L₂ and H L₁ of the page on t
 L₁ and L₂ by small triangles that differ little from I.
 """
 
-from collections.abc import Callable
-from functools import lru_cache, partial
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from sigmax.algebra.arrays import product, times
-from sigmax.algebra.factor import Matrix, add, identity, solve_lower
+from sigmax.algebra.factor import Matrix, identity, solve_lower
 from sigmax.algebra.rotations import rotate
 from sigmax.forms.form import Corrected, Form
-from sigmax.forms.information import information
+from sigmax.forms.information import without_omega
 from sigmax.forms.noise import noise_factor, predict_squared
 from sigmax.forms.square_root import covariance
 from sigmax.rules.linearization import Linearization
@@ -50,10 +49,9 @@ class Stages(NamedTuple):
 
 
 Blocks = tuple[jax.Array, jax.Array]  # V L₂ and L₁
-Update = Callable[[Blocks, tuple[jax.Array, jax.Array], Linearization, Matrix, jax.Array], Stages]
 
 
-def _exact(
+def _corrected(
     blocks: Blocks, slopes: tuple[jax.Array, jax.Array], line: Linearization, Lr: Matrix, nu: jax.Array
 ) -> Stages:
     """Two gains, K₁ = P₁ Hᵀ S₁⁻¹ of the state where the bias is known, K₂ = P₂ Nᵀ P_zz⁻¹ of the bias.
@@ -75,51 +73,39 @@ def _exact(
     return Stages(C - gained(E2), D2, D1, shift, whitened, Sy, sound)
 
 
-def _paper(
-    blocks: Blocks, slopes: tuple[jax.Array, jax.Array], line: Linearization, Lr: Matrix, nu: jax.Array
-) -> Stages:
-    """The same with R in place of R + Ω, as printed."""
-    noise, sound = noise_factor(line, Lr)
-    done = _exact(blocks, slopes, line._replace(residual=line.residual[:, :0], deficit=line.deficit[:, :0]), Lr, nu)
-    Sy = add(noise, line.slope)
-    return done._replace(whitened=solve_lower(Sy, nu), innovation_factor=Sy, sound=sound)
+@dataclass(frozen=True)
+class _Stages:
+    """The correction of [b; x] with so many biases."""
+
+    biases: int
+
+    def __call__(self, S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
+        p = self.biases
+        L2, L1 = S[:p, :p], S[p:, p:]
+        done = _corrected((S[p:, :p], L1), (line.slope[:, :p], line.slope[:, p:]), line, Lr, nu)
+        of_bias, of_state = done.shift
+        shift = jnp.concatenate([times(L2, of_bias), of_state + times(done.coupled, of_bias)])
+        upper = jnp.concatenate([product(L2, done.bias), jnp.zeros_like(S[:p, p:])], axis=1)
+        lower = jnp.concatenate([product(done.coupled, done.bias), product(L1, done.state)], axis=1)
+        factor = jnp.concatenate([upper, lower])
+        return Corrected(shift, factor, done.whitened, done.innovation_factor, done.sound)
 
 
-def _correct(update: Update, p: int, S: jax.Array, line: Linearization, Lr: Matrix, nu: jax.Array) -> Corrected:
-    L2, L1 = S[:p, :p], S[p:, p:]
-    done = update((S[p:, :p], L1), (line.slope[:, :p], line.slope[:, p:]), line, Lr, nu)
-    of_bias, of_state = done.shift
-    shift = jnp.concatenate([times(L2, of_bias), of_state + times(done.coupled, of_bias)])
-    upper = jnp.concatenate([product(L2, done.bias), jnp.zeros_like(S[:p, p:])], axis=1)
-    lower = jnp.concatenate([product(done.coupled, done.bias), product(L1, done.state)], axis=1)
-    factor = jnp.concatenate([upper, lower])
-    return Corrected(shift, factor, done.whitened, done.innovation_factor, done.sound)
+@dataclass(frozen=True)
+class _On:
+    """Two stages for so many biases; without any there is one stage, and it is the form alone."""
+
+    name: str
+    alone: Form
+
+    def __call__(self, biases: int) -> Form:
+        if not biases:
+            return self.alone
+        staged = Form(self.name, predict_squared, _Stages(biases))
+        return replace(staged if self.alone.omega else without_omega(staged), name=self.name, bias_first=True)
 
 
-@lru_cache(maxsize=64)
-def _staged(name: str, update: Update, alone: Form, biases: int) -> Form:
-    """The form for so many biases; without any there is one stage, and it is the form `alone`."""
-    if not biases:
-        return alone
-    return Form(name, predict_squared, partial(_correct, update, biases), omega=alone.omega, bias_first=True)
-
-
-# Functions with a name, not partial ones: a form is equal to its copy out of a pickle.
-def _gains_on(biases: int) -> Form:
-    return _staged("two stages", _exact, covariance, biases)
-
-
-def _exact_on(biases: int) -> Form:
-    return _staged("two stages, information", _exact, information["exact"], biases)
-
-
-def _paper_on(biases: int) -> Form:
-    return _staged("two stages, information as printed", _paper, information["paper"], biases)
-
-
-def _form(on: Callable[[int], Form]) -> Form:
-    alone = on(0)
-    return Form(on(1).name, alone.predict, alone.correct, omega=alone.omega, bias_first=True, biased=on)
-
-
-two_stage = {"covariance": _form(_gains_on), "exact": _form(_exact_on), "paper": _form(_paper_on)}
+def two_stage(form: Form) -> Form:
+    """A form in two stages, where the model has a bias: that of the covariance or of the information."""
+    name = "two stages" if form == covariance else f"two stages, {form.name}"
+    return replace(form, name=name, bias_first=True, biased=_On(name, form))
