@@ -13,6 +13,7 @@ import sigmax
 from sigmax import InputError
 from sigmax.export import export_c
 from sigmax.models.builtin import BUILTIN, builtin
+from sigmax.spaces import conjugate, exponential, multiply, rotate
 from tests.laws import test_fusion as fusion
 from tests.own_records import write_csv, write_radar
 from tests.test_cli import cli
@@ -153,6 +154,27 @@ def test_single_precision(tmp_path):
 
 
 @needs_cc
+@pytest.mark.parametrize("filter", ["SREKFB", "CIF"])
+def test_an_attitude_is_exported(filter, tmp_path):
+    """Its mean has the numbers of a quaternion, its factor and residuals have those of deviations."""
+    model = sigmax.Model(
+        motion=lambda x, dt, u: multiply(x, exponential(u * dt)),
+        sensor={"sun": lambda x: rotate(conjugate(x), jnp.array([1.0, 0.0, 0.0])), "stars": lambda x: x},
+        state=[sigmax.rotation("attitude")],
+        measurement={"stars": [sigmax.rotation("seen")]},
+        Q=[1e-4, 2e-4, 3e-4],
+        R={"sun": [0.01, 0.01, 0.02], "stars": [0.001, 0.002, 0.003]},
+    )
+    prior = sigmax.Gaussian([1.0, 0, 0, 0], [0.1, 0.2, 0.1])
+    sigmax.export_c(filter, model, prior, tmp_path, dt=0.5, inputs=[0.1, -0.2, 0.3])
+    text = (tmp_path / "filter.h").read_text()
+    assert "mean[4]; /* attitude_w, attitude_x" in text
+    assert "factor[6]; /* of attitude_roll, attitude_pitch, attitude_yaw */" in text
+    assert "residual[3]; /* seen_roll" in text
+    done = subprocess.run(["make", "-C", str(tmp_path), "test"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_the_makefile_tests(tmp_path):
     exported("position-cv", "SREKF", tmp_path)
     done = subprocess.run(["make", "-C", str(tmp_path), "test"], capture_output=True, text=True, check=False)

@@ -18,7 +18,7 @@ from sigmax.filters import Filter
 from sigmax.leftovers import clear_leftovers, part_of
 from sigmax.models.fusion import Fused, name_of, put_together
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model, check_flat
+from sigmax.models.model import Model
 from sigmax.native import Refused
 from sigmax.running.backend import natively
 from sigmax.running.edge import as_filter, cast, prepare, run_type
@@ -74,7 +74,6 @@ def export_c(
         InputError: for what does not fit, or a model that cannot be lowered, with the line that is the reason.
     """
     chosen, dtype, prefix = as_filter(filter), run_type(dtype), identifier(name)
-    check_flat(model, "an exported filter")
     if prior.mean.ndim != 1:
         raise InputError("an exported filter starts from one prior, not from a batch")
     if model.fusion is not None and any(b.given and callable(model.R[s]) for b in model.fusion for s in b.members):
@@ -104,7 +103,11 @@ def export_c(
     parts = {s: identifiers(model.measurement[s] or [f"z{i}" for i in range(m)]) for s, m in sizes.items()}
     if model.fusion is not None:
         parts = {"": tuple(f"{identifier(s)}_{part}" for s, own in parts.items() for part in own)}
-    names = Names(prefix, identifiers(ready.model.joint_state), parts, 0 if u is None else len(u))
+    curved = {s: own.deviations for s, own in model.measured.items() if own is not None and not own.space.flat}
+    residuals = parts | {s: identifiers(names) for s, names in curved.items()}
+    deviations = ready.model.joint_state if model.space.flat else model.deviations
+    rows_of = identifiers(ready.model.joint_state), identifiers(deviations)
+    names = Names(prefix, *rows_of, parts, residuals, 0 if u is None else len(u))
     single = dtype == np.float32
     rows = simulated(model, prior, step, u) if z is None else _rows(model, z, elapsed, given)
     vectors = filtered(chosen, model, prior, rows, dtype)

@@ -18,20 +18,34 @@ class Names(NamedTuple):
 
     Attributes:
         prefix: of all that the header declares.
-        state: components of the state.
-        sensors: by the sensor's name, its components.
+        state: numbers of the state.
+        deviations: rows of its covariance.
+        sensors: by the sensor's name, the numbers that it measures.
+        residuals: by the sensor's name, the numbers of a difference of two of its measurements.
         inputs: how many inputs there are.
     """
 
     prefix: str
     state: tuple[str, ...]
+    deviations: tuple[str, ...]
     sensors: Mapping[str, tuple[str, ...]]
+    residuals: Mapping[str, tuple[str, ...]]
     inputs: int
 
     @property
-    def n(self) -> int:
-        """Components of the state."""
+    def points(self) -> int:
+        """Numbers of the state."""
         return len(self.state)
+
+    @property
+    def n(self) -> int:
+        """Rows of the covariance."""
+        return len(self.deviations)
+
+    @property
+    def triangle(self) -> int:
+        """Numbers of its factor."""
+        return self.n * (self.n + 1) // 2
 
     def update(self, sensor: str) -> str:
         """The name of the function that corrects with a sensor."""
@@ -39,10 +53,10 @@ class Names(NamedTuple):
 
     def of_state(self, place: int) -> str:
         """The name of a number of the row that a belief is kept in."""
-        if place < self.n:
+        if place < self.points:
             return f"x_{self.state[place]}"
-        i, j = (int(a[place - self.n]) for a in np.tril_indices(self.n))
-        return f"S_{self.state[i]}__{self.state[j]}"
+        i, j = (int(a[place - self.points]) for a in np.tril_indices(self.n))
+        return f"S_{self.deviations[i]}__{self.deviations[j]}"
 
 
 def identifiers(names: Sequence[str]) -> tuple[str, ...]:
@@ -74,19 +88,20 @@ def header(names: Names, about: str, single: bool) -> str:
         f"   below 0 that it was made without the negative weights of the sigma set. */\n"
         f"enum {{\n{faults}\n}};\n",
         "/* What is known: P = S S', S lower triangular with its rows one after the other. */\n"
-        f"typedef struct {{\n    {real} mean[{n}]; /* {', '.join(names.state)} */\n"
-        f"    {real} factor[{n * (n + 1) // 2}];\n}} {p}_state;\n",
+        f"typedef struct {{\n    {real} mean[{names.points}]; /* {', '.join(names.state)} */\n"
+        f"    {real} factor[{names.triangle}];{_of_rows(names)}\n}} {p}_state;\n",
         f"/* Begin with a mean and a covariance, its rows one after the other; 1 where that is none. */\n"
-        f"int {p}_start({p}_state *s, const {real} mean[{n}], const {real} cov[{n * n}]);\n",
+        f"int {p}_start({p}_state *s, const {real} mean[{names.points}], const {real} cov[{n * n}]);\n",
         f"/* Move on by dt seconds. */\nint {p}_predict({p}_state *s, {real} dt{given});\n",
     ]
     for sensor, parts in names.sensors.items():
-        m, kind = len(parts), f"{names.update(sensor)}_told"
+        m, kind, residual = len(parts), f"{names.update(sensor)}_told", names.residuals[sensor]
+        dim = len(residual)
         lines.append(
             f"/* What a measurement said; NAN in the residual where a component was missing. */\n"
             f"typedef struct {{\n    {real} nis; /* normalised innovation squared */\n    {real} log_likelihood;\n"
-            f"    {real} dof; /* components seen and used */\n    {real} residual[{m}]; /* {', '.join(parts)} */\n"
-            f"    {real} factor[{m * m}]; /* of its covariance, lower triangular */\n}} {kind};\n\n"
+            f"    {real} dof; /* components seen and used */\n    {real} residual[{dim}]; /* {', '.join(residual)} */\n"
+            f"    {real} factor[{dim * dim}]; /* of its covariance, lower triangular */\n}} {kind};\n\n"
             f"/* Correct with {', '.join(parts)}; NAN is missing. `told` may be NULL. */\n"
             f"int {names.update(sensor)}({p}_state *s, const {real} z[{m}]{given}, {kind} *told);\n"
         )
@@ -95,8 +110,7 @@ def header(names: Names, about: str, single: bool) -> str:
 
 def source(names: Names, programs: Mapping[str, Program], about: str, single: bool) -> str:
     """The source: the straight lines, and the functions of the header around them."""
-    real, p, n = "float" if single else "double", names.prefix, names.n
-    size = n + n * (n + 1) // 2
+    real, p, size = "float" if single else "double", names.prefix, names.points + names.triangle
     lines = [comment(about), f'#include "{p}.h"\n\n#include <math.h>\n#include <stddef.h>\n']
     lines += _rows(names, real)
     lines += c_function(programs["start"], "begin", single, lambda g, i: f"given_{i}")
@@ -112,7 +126,7 @@ def source(names: Names, programs: Mapping[str, Program], about: str, single: bo
         "    return (int)told[0];\n}",
     ]
     for sensor, parts in names.sensors.items():
-        m, name = len(parts), f"correct{f'_{identifier(sensor)}' if sensor else ''}"
+        m, dim, name = len(parts), len(names.residuals[sensor]), f"correct{f'_{identifier(sensor)}' if sensor else ''}"
         program = programs[sensor]
         lines.append(f"\n/* A step: {count(program)}. */")
         lines += c_function(program, name, single, _naming(names, [f"z_{part}" for part in parts]))
@@ -120,16 +134,22 @@ def source(names: Names, programs: Mapping[str, Program], about: str, single: bo
         lines += [
             f"\nint {names.update(sensor)}({p}_state *s, const {real} z[{m}]{_inputs_argument(names, real)}, "
             f"{names.update(sensor)}_told *told) {{",
-            f"    {real} row[{size}], next[{size}], given[{m + names.inputs}], said[{head + m + m * m}];\n    int i;",
+            f"    {real} row[{size}], next[{size}], given[{m + names.inputs}], said[{head + dim + dim * dim}];",
+            "    int i;",
             f"    for (i = 0; i < {m}; i++) given[i] = z[i];",
             *_copied_inputs(names, m),
             f"    row_of(s, row);\n    {name}(row, given, next, said);\n    of_row(next, s);",
             "    if (told != NULL) {\n        told->nis = said[0];\n        told->log_likelihood = said[1];",
-            f"        told->dof = said[2];\n        for (i = 0; i < {m}; i++) told->residual[i] = said[{head} + i];",
-            f"        for (i = 0; i < {m * m}; i++) told->factor[i] = said[{head + m} + i];\n    }}",
+            f"        told->dof = said[2];\n        for (i = 0; i < {dim}; i++) told->residual[i] = said[{head} + i];",
+            f"        for (i = 0; i < {dim * dim}; i++) told->factor[i] = said[{head + dim} + i];\n    }}",
             "    return (int)said[3];\n}",
         ]
     return "\n".join(lines) + "\n"
+
+
+def _of_rows(names: Names) -> str:
+    """What the rows of the factor are of, where they are not of the numbers of the mean."""
+    return "" if names.deviations == names.state else f" /* of {', '.join(names.deviations)} */"
 
 
 def _naming(names: Names, given: Sequence[str]) -> Any:
@@ -150,8 +170,7 @@ def _copied_inputs(names: Names, after: int) -> list[str]:
 
 
 def _rows(names: Names, real: str) -> list[str]:
-    n = names.n
-    parts = [("mean", n), ("factor", n * (n + 1) // 2)]
+    parts = [("mean", names.points), ("factor", names.triangle)]
     there, back, at = [], [], 0
     for part, size in parts:
         there.append(f"    for (i = 0; i < {size}; i++) row[{at} + i] = s->{part}[i];")
@@ -169,11 +188,11 @@ def _rows(names: Names, real: str) -> list[str]:
 
 
 def _start(names: Names, real: str, size: int) -> list[str]:
-    n = names.n
+    n, points = names.n, names.points
     return [
-        f"int {names.prefix}_start({names.prefix}_state *s, const {real} mean[{n}], const {real} cov[{n * n}]) {{",
-        f"    {real} given[{n + n * (n + 1) // 2}], row[{size}], sound[1], *next = given;\n    int i, j;",
-        f"    for (i = 0; i < {n}; i++) *next++ = mean[i];",
+        f"int {names.prefix}_start({names.prefix}_state *s, const {real} mean[{points}], const {real} cov[{n * n}]) {{",
+        f"    {real} given[{size}], row[{size}], sound[1], *next = given;\n    int i, j;",
+        f"    for (i = 0; i < {points}; i++) *next++ = mean[i];",
         f"    for (i = 0; i < {n}; i++)\n        for (j = 0; j <= i; j++) *next++ = cov[i * {n} + j];",
         "    begin(given, row, sound);\n    of_row(row, s);\n    return sound[0] == 0;\n}",
     ]
