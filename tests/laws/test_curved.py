@@ -374,7 +374,6 @@ THREE = sigmax.Gaussian([1.0, 0, 0, 0], np.ones(3))
         (lambda m: sigmax.part("a", "rotation"), "space"),
         (lambda m: sigmax.fused(m), "numbers and angles"),
         (lambda m: sigmax.explain("SRCKF", m, THREE), "numbers and angles"),
-        (lambda m: sigmax.Study(name="s", model=m, prior=THREE, steps=2), "a study knows"),
         (lambda m: sigmax.tracking.Modes([("EKF", m)]), "a tracker knows"),
     ],
 )

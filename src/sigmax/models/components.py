@@ -1,6 +1,6 @@
 """What a state or a measurement consists of: numbers, angles, and parts that live in curved spaces."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,6 +105,21 @@ def measured_components(given: Sequence[str] | None, R: Any, label: str) -> Comp
     if given is None and callable(R):
         return None
     return components("measurement", given, R, label)
+
+
+def by_sensor(given: Any, sensor: str, several: bool, what: str) -> Any:
+    """The part of a setting that belongs to one sensor."""
+    if not several or given is None:
+        if isinstance(given, Mapping):
+            raise InputError(f"{what} is a dict, so sensor must be one too, with the same names")
+        return given
+    if not isinstance(given, Mapping):
+        raise InputError(f"with several sensors {what} must be a dict by sensor name, it is {type(given).__name__}")
+    if sensor not in given:
+        if what == "measurement":
+            return None
+        raise InputError(f"{what} has no entry for the sensor {sensor!r}; it has {sorted(given)}")
+    return given[sensor]
 
 
 def _spelt(name: str, within: Sequence[str] | None) -> list[str]:

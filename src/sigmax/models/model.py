@@ -8,7 +8,7 @@ import jax
 
 from sigmax.errors import InputError
 from sigmax.models.bias import Bias
-from sigmax.models.components import Components, components, measured_components
+from sigmax.models.components import Components, by_sensor, components, measured_components
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, noise, takes
 from sigmax.models.parts import Motion, Sensor
@@ -73,9 +73,7 @@ class Model:
             raise InputError(f"domain must be a function x -> x, it is {type(domain).__name__}")
         self.motion_inputs = takes(self.motion, "motion", (2, 3)) == 3
         self.sensor_inputs = {s: takes(h, s or "sensor", (1, 2)) == 2 for s, h in self.sensors.items()}
-        own = components("state", state, Q, "Q")
-        # Names of the numbers of a state and of its deviations, and where it lives.
-        self.state, self.deviations, self.space = own.numbers, own.deviations, own.space
+        self.components: Components = components("state", state, Q, "Q")
         self.Q = noise("Q", Q, self.deviations, OF_MOTION)
         by_name = {s: by_sensor(R, s, self.several, "R") for s in self.sensors}
         named = {s: by_sensor(measurement, s, self.several, "measurement") for s in self.sensors}
@@ -100,6 +98,21 @@ class Model:
                 "a bias stands beside states and measurements of numbers and angles; put it into the state"
             )
         self.bias = None if bias is None else bias.fitted(self.state, self.measurement, self.several)
+
+    @property
+    def state(self) -> tuple[str, ...]:
+        """Names of the numbers of a state."""
+        return self.components.numbers
+
+    @property
+    def deviations(self) -> tuple[str, ...]:
+        """Names of its deviations, those of the numbers but for curved parts."""
+        return self.components.deviations
+
+    @property
+    def space(self) -> Space:
+        """Where a state lives."""
+        return self.components.space
 
     @property
     def measurement(self) -> dict[str, tuple[str, ...] | None]:
@@ -240,18 +253,3 @@ def check_flat(model: Model, what: str) -> None:
             f"{what} knows numbers and angles alone so far, and this model has parts that turn or point: {model!r}; "
             "run, smooth and Live take it"
         )
-
-
-def by_sensor(given: Any, sensor: str, several: bool, what: str) -> Any:
-    """The part of a setting that belongs to one sensor."""
-    if not several or given is None:
-        if isinstance(given, Mapping):
-            raise InputError(f"{what} is a dict, so sensor must be one too, with the same names")
-        return given
-    if not isinstance(given, Mapping):
-        raise InputError(f"with several sensors {what} must be a dict by sensor name, it is {type(given).__name__}")
-    if sensor not in given:
-        if what == "measurement":
-            return None
-        raise InputError(f"{what} has no entry for the sensor {sensor!r}; it has {sorted(given)}")
-    return given[sensor]

@@ -9,6 +9,7 @@ import numpy as np
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.models.bias import joint
+from sigmax.models.components import components
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, by_value, takes
@@ -31,7 +32,7 @@ def whole(model: Model) -> Model:
         motion_inputs=model.motion_driven,
         sensors=sensors,
         sensor_inputs={s: model.sensor_driven(s) for s in model.sensors},
-        state=(*model.state, *bias.names),
+        components=components("state", (*model.state, *bias.names), None, "Q"),
         Q=_noise(model.Q, bias.Q, n),
         R={s: _of_state(R, n) if callable(R) else R for s, R in model.R.items()},
         domain=None if model.domain is None else _domain(model.domain, n),

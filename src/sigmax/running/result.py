@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sigmax.algebra.arrays import TWO_PI
 from sigmax.errors import InputError
 from sigmax.models.checks import by_name, is_traced, numbers
 from sigmax.running.covariances import covariances
 from sigmax.running.layout import Layout
 from sigmax.running.step import Fault, Innovation
+from sigmax.spaces import errors
 
 # What a run can keep.
 PARTS = ("mean", "factor", "fault", "nis", "dof", "step_log_likelihood", "innovation")
@@ -147,14 +147,7 @@ class Smoothed:
         if value.shape not in (mean.shape, mean.shape[-2:]):
             shapes = " or ".join(map(str, dict.fromkeys((mean.shape[-2:], mean.shape))))
             raise InputError(f"the truth must have the shape {shapes}, for {list(self.state)}; it has {value.shape}")
-        space = self.layout.space
-        if space.flat:
-            difference = mean - value
-            period = np.where(space.periodic, TWO_PI, 0.0)
-            return difference - period * np.round(difference / TWO_PI)
-        array = jnp if is_traced((mean, value)) else np
-        value, mean = (array.moveaxis(array.asarray(a), -1, 0) for a in (array.broadcast_to(value, mean.shape), mean))
-        return array.moveaxis(-space.difference(space.nearest(value), mean), 0, -1)
+        return errors(self.layout.space, mean, value)
 
 
 @jax.tree_util.register_dataclass

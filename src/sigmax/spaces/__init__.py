@@ -1,6 +1,7 @@
 """Spaces of states and measurements: rules, steps and errors know them by ⊞ and ⊟ alone."""
 
 from sigmax.spaces.direction import Direction
+from sigmax.spaces.errors import errors
 from sigmax.spaces.groups import Pose2, Pose3, Rotation
 from sigmax.spaces.product import Product, product
 from sigmax.spaces.quaternions import conjugate, cross, exponential, logarithm, multiply, rotate
@@ -30,6 +31,7 @@ __all__ = [
     "Space",
     "conjugate",
     "cross",
+    "errors",
     "exponential",
     "logarithm",
     "multiply",

@@ -80,8 +80,11 @@ def yardsticks(study: Study, backend: str | None) -> Yardsticks:
     scale = np.where(blind[look] > 0, blind[look], smallest)
     limit = _BEYOND * scale[-1] if study.limit is None else np.asarray(study.limit, float)
     # Of an angle more than a right angle is lost in any case.
-    limit = np.where(study.model.angular, np.minimum(limit, np.pi / 2), limit)
-    return Yardsticks(look, limit, scale, np.array(study.model.angular))
+    turning = np.array(study.model.angular)
+    for p, _, to in study.model.space.parts():
+        turning[to.start : to.start + p.turns] = True
+    limit = np.where(turning, np.minimum(limit, np.pi / 2), limit)
+    return Yardsticks(look, limit, scale, study.model.space)
 
 
 def settings_of(study: Study, filters: Mapping[str, Filter], seed: int, N: int, backend: str | None) -> Any:

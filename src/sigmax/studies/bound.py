@@ -39,6 +39,8 @@ class Information(NamedTuple):
 def absent(study: Study) -> str:
     """Why a study has no such bound, empty where it has one."""
     model = study.model
+    if model.curved:
+        return "the state lives in a curved space"
     if not study.fair:
         return "truth is not drawn from the filters' model and prior"
     if np.linalg.eigvalsh(study.prior.cov).min() <= 0:

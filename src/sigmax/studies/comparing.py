@@ -11,6 +11,7 @@ import joblib
 from joblib.parallel import get_active_backend
 
 from sigmax.filters import Filter, get
+from sigmax.models.model import check_flat
 from sigmax.studies.beforehand import check, chosen_filters, settings_of, yardsticks
 from sigmax.studies.bound import absent, bound
 from sigmax.studies.comparison import Comparison, Optimum
@@ -68,6 +69,8 @@ def compare(
     chosen = chosen_filters(study, filters)
     count = study.runs if runs is None else runs
     N = study.particles if particles is None else particles
+    if N:
+        check_flat(study.model, "the optimum, which particles= asks for,")
     check(study, count, N, workers, chunk, backend)
     by = yardsticks(study, backend)
     no_bound = absent(study)

@@ -81,6 +81,8 @@ def costs(
 
 def _evaluations(filter: Filter, model: Model, inputs: np.ndarray | None) -> tuple[int | None, int | None]:
     """How often motion and sensors are evaluated in a step, None for a rule of the user's."""
+    if model.curved:
+        return None, None
     model, n = model.placed(filter.form.bias_first), model.size + model.biases
     x, dt, u = jnp.zeros(n), jnp.ones(()), None if inputs is None else jnp.asarray(inputs[0], float)
     sensors = []

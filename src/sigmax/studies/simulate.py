@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import times, wrap
+from sigmax.algebra.arrays import times
 from sigmax.algebra.factor import Diagonal, Matrix, cholesky
 from sigmax.models import Model
 from sigmax.models.evaluate import motion_noise, moving, noise_roots, sensing, sensor_noise
@@ -38,8 +38,8 @@ class Parts(NamedTuple):
     """The functions of a study that draw it, for one run.
 
     Attributes:
-        start: (w (n,), v (n,)) -> true start, where the filters start.
-        move: (x, w (n,), dt, u) -> the true state dt later.
+        start: (w (d,), v (d,)) -> true start, where the filters start.
+        move: (x, w (d,), dt, u) -> the true state dt later.
         sense: by sensor, (x, v (m,), u) -> the measurement.
     """
 
@@ -63,7 +63,7 @@ def mover(model: Model) -> Callable[..., Any]:
 
     def move(x: Any, w: Any, dt: Any, u: Any) -> Any:
         L, _ = motion_noise(model, root, x, dt, u)
-        return wrap(moving(model, x, dt, u)(x) + _spread(L, w), model.angular)
+        return model.space.add(moving(model, x, dt, u)(x), _spread(L, w))
 
     return move
 
@@ -73,7 +73,8 @@ def sensor_of(model: Model, sensor: str) -> Callable[..., Any]:
 
     def sense(x: Any, v: Any, u: Any) -> Any:
         L, _ = sensor_noise(model, model.R[sensor], x, u, jnp.ones(v.shape, bool))
-        return wrap(sensing(model, sensor, x, u)(x) + _spread(L, v), model.measured_angular(sensor, v.shape[0]))
+        said = sensing(model, sensor, x, u)(x)
+        return model.measured_space(sensor, said.shape[0]).add(said, _spread(L, v))
 
     return sense
 
@@ -88,14 +89,14 @@ def parts(study: Study) -> Parts:
     estimate = study.estimate
 
     def start(w: Any, v: Any) -> Any:
-        drawn = wrap(jnp.asarray(mean) + times(jnp.asarray(root), w), model.angular)
+        drawn = model.space.add(jnp.asarray(mean), times(jnp.asarray(root), w))
         x0 = drawn if fixed is None else jnp.asarray(fixed)
         if estimate == "prior":
             return x0, jnp.asarray(mean)
         if estimate == "drawn":
-            return x0, wrap(x0 + times(jnp.asarray(root), v), model.angular)
+            return x0, model.space.add(x0, times(jnp.asarray(root), v))
         assert callable(estimate)
-        return x0, wrap(jnp.asarray(estimate(x0, v)), model.angular)
+        return x0, model.space.add(jnp.asarray(estimate(x0, v)), jnp.zeros(model.dim))
 
     return Parts(start, mover(nature), {sensor: sensor_of(nature, sensor) for sensor in nature.sensors})
 
@@ -110,13 +111,13 @@ def sizes(study: Study) -> dict[str, int]:
 def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Drawn:
     """The runs of one block: all its numbers come from the seed and the number of the block."""
     rng = np.random.default_rng([seed, number, 0])
-    B, T, n = study.block, study.steps, study.model.size
+    B, T, n, d = study.block, study.steps, study.model.size, study.model.dim
     functions = parts(study)
-    start, mean = mapped(functions.start, *rng.standard_normal((2, B, n)), backend=backend)
+    start, mean = mapped(functions.start, *rng.standard_normal((2, B, d)), backend=backend)
     dt, x = study.elapsed, start
     u = np.zeros((T, 0)) if study.inputs is None else np.asarray(study.inputs, float)
     truth = np.empty((B, T, n))
-    for t, w in enumerate(rng.standard_normal((T, B, n))):
+    for t, w in enumerate(rng.standard_normal((T, B, d))):
         (x,) = mapped(functions.move, x, w, np.full(B, dt[t]), np.broadcast_to(u[t], (B, u.shape[1])), backend=backend)
         truth[:, t] = x
     reach = np.inf if study.reach is None else np.asarray(study.reach, float)
@@ -126,7 +127,7 @@ def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Dr
     z = {}
     every = np.broadcast_to(u, (B, *u.shape)).reshape(B * T, -1)
     for sensor, m in sizes(study).items():
-        noise = rng.standard_normal((B * T, m))
+        noise = rng.standard_normal((B * T, study.model.measured_space(sensor, m).dim))
         (value,) = mapped(functions.sense[sensor], truth.reshape(B * T, n), noise, every, backend=backend)
         seen = (rng.random((B, T)) < study.detections[sensor]) & kept[:, None]
         there = np.broadcast_to(np.asarray(study.measured.get(sensor, True), bool), (T, m))

@@ -94,23 +94,24 @@ class Study:
     apart: Model | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        check_flat(self.model, "a study")
         if self.model.bias is not None and self.prior.size == self.model.size and self.prior.mean.ndim == 1:
             model, prior = with_bias(self.model, self.prior)
             for what, value in (("apart", self.model), ("model", model), ("prior", prior)):
                 object.__setattr__(self, what, value)
-        n = self.model.size
-        if self.prior.size != n or self.prior.mean.ndim != 1 or self.prior.cov.ndim != 2:
-            raise InputError(f"{self.name}: the prior must be of one run: a mean ({n},) and a covariance ({n}, {n})")
+        n, d = self.model.size, self.model.dim
+        if (np.shape(self.prior.mean), np.shape(self.prior.cov)) != ((n,), (d, d)):
+            raise InputError(f"{self.name}: the prior must be of one run: a mean ({n},) and a covariance ({d}, {d})")
         if self.steps < 1:
             raise InputError(f"{self.name}: a study needs at least one step; steps = {self.steps}")
         if isinstance(self.estimate, str) and self.estimate not in ESTIMATES:
             raise unknown("estimate of the start", self.estimate, ESTIMATES)
         if self.optimum not in OPTIMA:
             raise unknown("way to the optimum", self.optimum, OPTIMA)
-        for what, given in (("start", self.start), ("limit", self.limit), ("reach", self.reach)):
-            if given is not None and np.shape(given) != (n,):
-                raise InputError(f"{self.name}: {what} must have the shape ({n},); it has {np.shape(given)}")
+        for what, given, size in (("start", self.start, n), ("limit", self.limit, d), ("reach", self.reach, n)):
+            if given is not None and np.shape(given) != (size,):
+                raise InputError(f"{self.name}: {what} must have the shape ({size},); it has {np.shape(given)}")
+        if self.particles:
+            check_flat(self.model, "the optimum, which particles= asks for,")
         dt = numbers("dt", self.dt)
         finite("dt", dt)
         if dt.ndim > 1 or (dt.ndim == 1 and len(dt) != self.steps) or (dt < 0).any():
@@ -130,8 +131,8 @@ class Study:
         for step in self.look:
             if not 1 <= step <= self.steps:
                 raise InputError(f"{self.name}: look has the step {step}; there are the steps 1 to {self.steps}")
-        if self.units and len(self.units) != n:
-            raise InputError(f"{self.name}: units must name {n} units, one a component")
+        if self.units and len(self.units) != d:
+            raise InputError(f"{self.name}: units must name {d} units, one a component")
 
     def told(self, mean: Any) -> tuple[Model, Gaussian]:
         """The model and the prior about `mean` (B, n) that the filters are told of."""

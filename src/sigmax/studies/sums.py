@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import chdtri
 
-from sigmax.algebra.arrays import outer, wrap, wrapped
+from sigmax.algebra.arrays import outer, wrap
 from sigmax.running.mapped import totals
 from sigmax.running.step import Fault
+from sigmax.spaces import Space, errors
 
 # Why a run is lost; the first that applies counts.
 LOST = ("failed", "mirrored", "diverged")
@@ -29,15 +30,15 @@ class Yardsticks(NamedTuple):
 
     Attributes:
         look: the places (L,) of the times that are looked at closely.
-        limit: (n,), the error at the end beyond which a run has diverged.
-        scale: (L, n), sizes for the bins of the histograms.
-        angular: (n,), which components are angles.
+        limit: (d,), the error at the end beyond which a run has diverged.
+        scale: (L, d), sizes for the bins of the histograms.
+        space: where the state lives.
     """
 
     look: np.ndarray
     limit: np.ndarray
     scale: np.ndarray
-    angular: np.ndarray
+    space: Space
 
 
 class Estimated(NamedTuple):
@@ -51,7 +52,7 @@ class Estimated(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Sums over runs, by time (T) and component (n); e is the error, P the covariance that the filter claims.
+    """Sums over runs, by time (T) and deviation (n); e is the error, P the covariance that the filter claims.
 
     Attributes:
         runs: how many.
@@ -121,13 +122,14 @@ def _binned(e: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=16)
-def _terms(angular: tuple[bool, ...]) -> Callable[..., Any]:
+def _terms(space: Space) -> Callable[..., Any]:
     """What is added up of one run and step, in the order of `Sums`, matrices by their lower triangles."""
-    n = len(angular)
+    n = space.dim
     i, j = np.tril_indices(n)
 
     def terms(mean: Any, factor: Any, truth: Any, nis: Any, dof: Any) -> tuple[Any, ...]:
-        e, S = wrap(mean - truth, angular), jnp.tril(factor)
+        e = wrap(mean - truth, space.periodic) if space.flat else -space.difference(truth, mean)
+        S = jnp.tril(factor)
         P = outer(S, S)
         every = np.arange(n)
         squares, variances = e * e, P[every, every]
@@ -153,9 +155,10 @@ class _Claims(NamedTuple):
     outside: np.ndarray
 
 
-def _claims(found: Estimated, truth: np.ndarray, angular: np.ndarray) -> _Claims:
-    n = truth.shape[-1]
-    e, S = wrapped(found.mean - truth, angular), np.tril(found.factor)
+def _claims(found: Estimated, truth: np.ndarray, space: Space) -> _Claims:
+    n = space.dim
+    e, S = errors(space, found.mean, truth), np.tril(found.factor)
+    size = np.abs(truth) if space.flat else np.zeros_like(e)
     variances = np.einsum("btij,btij->bti", S, S)
     whitened: list[np.ndarray] = []
     wrong = np.zeros(e.shape, bool)
@@ -163,7 +166,7 @@ def _claims(found: Estimated, truth: np.ndarray, angular: np.ndarray) -> _Claims
         rest = e[..., k] - sum((S[..., k, c] * w for c, w in enumerate(whitened)), np.zeros(e.shape[:-1]))
         exact = ~(S[..., k, k] > 0)
         # One that is known exactly counts for nothing in the NEES, but it must be right.
-        wrong[..., k] = exact & ~(np.abs(rest) <= _EXACT * (1.0 + np.abs(truth[..., k])))
+        wrong[..., k] = exact & ~(np.abs(rest) <= _EXACT * (1.0 + size[..., k]))
         whitened.append(np.where(exact, 0.0, rest / np.where(exact, 1.0, S[..., k, k])))
     nees = sum((w * w for w in whitened), np.zeros(e.shape[:-1]))
     known = np.count_nonzero(np.einsum("btii->bti", S) > 0, axis=-1)
@@ -197,21 +200,20 @@ def summed(
         by: what errors are held against.
         backend: as in `run`.
     """
-    B, n = len(truth), truth.shape[-1]
-    angular = tuple(map(bool, by.angular))
+    B, n, space = len(truth), by.space.dim, by.space
     given = (found.mean, found.factor, truth, found.nis, np.asarray(found.dof, float))
-    e, ee, e4, P, p2, e2p, nis, nis2, dof, plots = totals(_terms(angular), *given, backend=backend)
-    claims = _claims(found, truth, by.angular)
+    e, ee, e4, P, p2, e2p, nis, nis2, dof, plots = totals(_terms(space), *given, backend=backend)
+    claims = _claims(found, truth, space)
     by_run = claims.nees.sum(1) / np.maximum(claims.known.sum(1), 1)
     by_time = (claims.nees.sum(0), (claims.nees**2).sum(0), claims.known.sum(0))
-    near = wrapped(found.mean[:, by.look] - truth[:, by.look], angular)
+    near = errors(space, found.mean[:, by.look], truth[:, by.look])
     medians = np.median(np.abs(near), axis=0)
     bins = np.zeros((*near.shape[1:], _BINS), np.int64)
     place = _binned(near, by.scale)
     level, component = np.indices(near.shape[1:])
     np.add.at(bins, (np.broadcast_to(level, place.shape), np.broadcast_to(component, place.shape), place), 1)
     faults = np.array([np.count_nonzero(found.fault == f) for f in Fault])
-    lost = _lost(found, wrapped(found.mean[:, -1] - truth[:, -1], angular), mirrored, by)
+    lost = _lost(found, errors(space, found.mean[:, -1], truth[:, -1]), mirrored, by)
     return Sums(
         runs=np.array(B),
         e=e,
@@ -244,7 +246,7 @@ def _lost(found: Estimated, last: np.ndarray, mirrored: np.ndarray | None, by: Y
     diverged = ~(np.abs(last) <= by.limit).all(1)
     turned = np.zeros_like(failed)
     if mirrored is not None:
-        other = wrapped(found.mean[:, -1] - mirrored, by.angular)
+        other = errors(by.space, found.mean[:, -1], mirrored)
         turned = ((other / by.limit) ** 2).sum(1) < ((last / by.limit) ** 2).sum(1)
     reasons: Mapping[str, np.ndarray] = {
         "failed": failed,

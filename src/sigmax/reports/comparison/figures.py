@@ -32,7 +32,7 @@ def shown_unit(c: Comparison, component: int) -> tuple[float, str]:
 def label(c: Comparison, component: int) -> str:
     """A component with its unit."""
     unit = shown_unit(c, component)[1]
-    return f"{c.study.model.state[component]}{f' [{unit}]' if unit else ''}"
+    return f"{c.study.model.deviations[component]}{f' [{unit}]' if unit else ''}"
 
 
 def readable(c: Comparison) -> list[str]:
@@ -74,7 +74,7 @@ def curve_figures(c: Comparison) -> dict[str, Figure]:
     few = stride(len(c.study.time), _POINTS)
     time = c.study.time[few]
     made: dict[str, Figure] = {}
-    for i in range(c.study.model.size):
+    for i in range(c.study.model.dim):
         factor, unit = shown_unit(c, i)
         for measure, title in CURVES.items():
             scale = 1.0 if measure == "ratio" else factor
@@ -173,7 +173,7 @@ def histogram_figures(c: Comparison) -> dict[str, Figure]:
     made = {}
     for k, (name, s) in enumerate(c.sums.items()):
         m = c.measures[name]
-        for i in range(c.study.model.size):
+        for i in range(c.study.model.dim):
             factor, _ = shown_unit(c, i)
             for t, step in enumerate(c.by.look):
                 claimed = float(np.sqrt(m.claimed[step, i, i]))

@@ -50,7 +50,7 @@ def summary(c: Comparison) -> dict[str, Any]:
     """The content of summary.json: SI units and radians, null where there is no number."""
     found = {s.name: s for s in standings(c)}
     times = {f"{c.study.time[step]:g}": int(step) for step in c.by.look}
-    state = [str(name) for name in c.study.model.state]
+    state = [str(name) for name in c.study.model.deviations]
 
     def by_component(of: np.ndarray) -> dict[str, Any]:
         return {n: {t: _number(of[step, i]) for t, step in times.items()} for i, n in enumerate(state)}
@@ -135,13 +135,13 @@ def measures_table(c: Comparison) -> pd.DataFrame:
     if c.optimum is not None:
         shown |= {"optimum": c.optimum.limit}
     tables = []
-    T, n = c.study.steps, c.study.model.size
+    T, n = c.study.steps, c.study.model.dim
     for name, m in shown.items():
         columns: dict[str, Any] = {
             "study": c.study.name,
             "filter": name,
             "time": np.repeat(c.study.time, n),
-            "component": np.tile([str(component) for component in c.study.model.state], T),
+            "component": np.tile([str(component) for component in c.study.model.deviations], T),
         }
         for measure in ("rmse", "bias", "ratio"):
             figure: Figure = getattr(m, measure)

@@ -126,7 +126,7 @@ def _trade(found: Sequence[Standing], mark: str) -> str:
 
 
 def _component_options(c: Comparison) -> list[tuple[str, str]]:
-    return [(str(i), label(c, i)) for i in range(c.study.model.size)]
+    return [(str(i), label(c, i)) for i in range(c.study.model.dim)]
 
 
 def _curves(c: Comparison, mark: str) -> str:
@@ -180,7 +180,7 @@ def _lost(c: Comparison) -> str:
 
     rows = [[_named(c, name), *(share(m, reason) for reason in (*LOST, "all"))] for name, m in c.measures.items()]
     limits = ", ".join(
-        f"{name} {significant(float(limit))}" for name, limit in zip(c.study.model.state, c.by.limit, strict=True)
+        f"{name} {significant(float(limit))}" for name, limit in zip(c.study.model.deviations, c.by.limit, strict=True)
     )
     escaped = f" The truth of {c.escaped} runs escaped; they are left out." if c.escaped else ""
     return section(

@@ -48,7 +48,7 @@ def _style(c: Comparison, name: str) -> dict[str, Any]:
 
 
 def _rmse(c: Comparison) -> Any:
-    n = c.study.model.size
+    n = c.study.model.dim
     figure, axes = plt.subplots(n, 1, figsize=(8, 1.2 + 2.0 * n), sharex=True, squeeze=False, layout="constrained")
     for i, ax in enumerate(axes[:, 0]):
         factor, _ = shown_unit(c, i)

@@ -187,7 +187,7 @@ def _too_optimistic(s: Standing, honest: Judged, c: Comparison) -> str:
 
 def facet(k: int, c: Comparison) -> str:
     """The whole state for 0, the k-th component for k."""
-    names = [str(name) for name in c.study.model.state]
+    names = [str(name) for name in c.study.model.deviations]
     return names[0] if len(names) == 1 else names[k - 1] if k else "the whole state"
 
 
