@@ -235,7 +235,8 @@ def _while(p: Any, given: list[Any], count: int, noise: _Noise) -> list[Any]:
         if not go_on.any():
             return carry
         after = _run(p["body_jaxpr"].jaxpr, p["body_jaxpr"].consts, [*of_body, *carry], noise)
-        on = [go_on.reshape(-1, *[1] * (a.ndim - 1)) for a in carry]
+        # Of a loop under vmap there is one condition for each member.
+        on = [go_on.reshape(*go_on.shape, *[1] * (a.ndim - go_on.ndim)) for a in carry]
         carry = [np.where(o, a, b) for o, a, b in zip(on, after, carry, strict=True)]
     raise AssertionError("a loop of more than 1000 passes")
 
@@ -276,7 +277,8 @@ def verdicts(functions: Sequence[Any], rows: np.ndarray) -> list[Verdict]:
     for i, closed in enumerate(functions):
         graph.label = ""
         try:
-            (kept[i],) = evaluate(graph, closed, arguments)
+            with np.errstate(all="ignore"):
+                (kept[i],) = evaluate(graph, closed, arguments)
         except Refused as error:
             found[i] = Verdict(refused=str(error))
         except Exception as error:
