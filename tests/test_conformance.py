@@ -195,9 +195,10 @@ def test_filterpys_adapter(module, monkeypatch):
     assert found == {"EKF": [], "UKF": [], "CKF": ["linear"] if theirs else []}
 
 
-# To which degree the prediction's means are exact, by what is left of a name without its form.
+# To which degree means are exact, by what is left of a name without its form. An iterated correction is not
+# linear in the measurement, and no mean of a sensor can be read off it.
 DEGREES = {
-    "EKF": 1, "EUKF": 1, "ECKF": 1, "EHCKF": 1, "EIF": 1,
+    "EKF": 1, "EUKF": 1, "ECKF": 1, "EHCKF": 1, "EIF": 1, "IEKF": 1, "IPLF": 1,
     "SKF": 2, "PF": 2, "SOKF": 2, "PIF": 2, "SOIF": 2,
     "UKF": 3, "CKF": 3, "UIF": 3, "CIF": 3,
     "HCKF": 5, "GHKF": 5, "HCIF": 5,

@@ -81,7 +81,8 @@ def test_names_of_a_study_are_text(tmp_path: Path) -> None:
 def test_names_of_a_record_are_text(tmp_path: Path) -> None:
     record, found, _ = tracked_radar()
     model = copy.copy(record.model)
-    model.state = tuple(hostile(f"state {k}") for k in range(model.size))
+    names = tuple(hostile(f"state {k}") for k in range(model.size))
+    model.components = dataclasses.replace(model.components, numbers=names, deviations=names)
     many = {
         "name": hostile("record"),
         "title": hostile("title"),
