@@ -11,6 +11,7 @@ L₁ and L₂ by small triangles that differ little from I.
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import jax
@@ -99,10 +100,13 @@ class _On:
     alone: Form
 
     def __call__(self, biases: int) -> Form:
-        if not biases:
-            return self.alone
-        staged = Form(self.name, predict_squared, _Stages(biases))
-        return replace(staged if self.alone.omega else without_omega(staged), name=self.name, bias_first=True)
+        return _staged(self, biases) if biases else self.alone
+
+
+@lru_cache(maxsize=64)
+def _staged(on: _On, biases: int) -> Form:
+    form = Form(on.name, predict_squared, _Stages(biases))
+    return replace(form if on.alone.omega else without_omega(form), name=on.name, bias_first=True)
 
 
 def two_stage(form: Form) -> Form:
