@@ -34,12 +34,11 @@ int main(void) {
         REAL said = 0;
         fault |= PREFIX_predict(&s, dt[t]GIVEN);
 UPDATES
-        for (i = 0; i < ROWS; S += ++i) {
+OF_NUMBERS        for (i = 0; i < ROWS; S += ++i) {
             double size = 0;
             for (j = 0; j <= i; j++) size += (double)S[j] * (double)S[j];
             size = sqrt(size);
-MEAN
-            for (j = 0; j <= i; j++)
+OF_ROWS            for (j = 0; j <= i; j++)
                 worst = fmax(worst, apart(s.factor[i * (i + 1) / 2 + j], S[j], size));
         }
         if (!isnan(nis[t])) worst = fmax(worst, apart(said, nis[t], 1));
@@ -49,11 +48,10 @@ MEAN
 }
 """
 
-# The numbers of a curved part have no standard deviation of their own: they are held against 1.
-_MEAN = "            worst = fmax(worst, apart(s.mean[i], mean[SIZE * t + i], size));"
-_MEANS = (
-    "            for (j = 0; j < (i ? 0 : SIZE); j++) worst = fmax(worst, apart(s.mean[j], mean[SIZE * t + j], 1));"
-)
+# A number of the mean is held against the standard deviation of its row of the factor; the numbers of curved parts
+# have no row of their own, and are held against 1.
+_OF_ROWS = "            worst = fmax(worst, apart(s.mean[i], mean[SIZE * t + i], size));\n"
+_OF_NUMBERS = "        for (i = 0; i < SIZE; i++) worst = fmax(worst, apart(s.mean[i], mean[SIZE * t + i], 1));\n"
 
 _UPDATE = """\
         if (seen(z_SENSOR + COUNT * t, COUNT)) {
@@ -90,6 +88,7 @@ def test_program(names: Names, vectors: Vectors, prior: Any, single: bool) -> st
     """A program that runs the filter over recorded inputs and compares with recorded outputs."""
     real, n, T = "float" if single else "double", names.n, len(vectors.rows.dt)
     i, j = np.tril_indices(n)
+    flat = names.points == n
     values = {"prior_mean": prior.mean, "prior_cov": prior.cov, "dt": vectors.rows.dt}
     values |= {} if vectors.rows.u is None else {"u": vectors.rows.u}
     values |= {f"z_{identifier(s)}": z for s, z in vectors.rows.z.items()}
@@ -102,7 +101,8 @@ def test_program(names: Names, vectors: Vectors, prior: Any, single: bool) -> st
     main = _filled(
         _MAIN,
         STEPS=T,
-        MEAN=_MEAN if names.points == n else _MEANS,
+        OF_NUMBERS="" if flat else _OF_NUMBERS,
+        OF_ROWS=_OF_ROWS if flat else "",
         TRIANGLE=names.triangle,
         SIZE=names.points,
         ROWS=n,

@@ -113,11 +113,11 @@ def prepare(
     batch = next(iter(batches.values()), None)
     dtype = run_type(dtype)
     captured = check_functions(given, alone, elapsed, inputs_given, sizes, dtype)
-    # Where a function holds a traced number its slopes are not known; `fit` has seen them at its start.
     if filter.linear and model.curved:
         raise InputError(
             "KF is for linear models, and this one lives in a curved space; take EKF or a sigma-point filter"
         )
+    # Where a function holds a traced number its slopes are not known; `fit` has seen them at its start.
     if filter.linear and not captured:
         check_linear(given, None if inputs_given is None else inputs_given.shape[-1])
 
