@@ -251,5 +251,5 @@ def check_flat(model: Model, what: str) -> None:
     if model.curved:
         raise InputError(
             f"{what} knows numbers and angles alone so far, and this model has parts that turn or point: {model!r}; "
-            "run, smooth and Live take it"
+            "run, smooth, Live, studies and exported C take it"
         )
