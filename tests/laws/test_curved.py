@@ -320,6 +320,61 @@ def test_a_filter_on_attitudes_is_honest(filter):
     assert size[2] < size[1] < size[0]
 
 
+def by_bias():
+    """The attitude without its drift in the state: the drift and an offset of one sight are a bias."""
+    return sigmax.Model(
+        motion=lambda x, dt, u: multiply(x, exponential(u * dt)),
+        sensor=sights,
+        Q=np.full(3, GYRO**2),
+        R=np.full(6, SIGHT**2),
+        state=(sigmax.rotation("attitude"),),
+        bias=sigmax.Bias(
+            motion=lambda dt: jnp.eye(3, 4) * -dt,
+            sensor=np.eye(6)[:, [3, 3, 3, 3]] * [0, 0, 0, 1],
+            prior=sigmax.Gaussian(np.zeros(4), [0.02**2] * 3 + [0.1**2]),
+            Q=[DRIFT**2] * 3 + [0.0],
+            names=("bx", "by", "bz", "offset"),
+        ),
+    )
+
+
+def by_hand():
+    """The same with both in the state."""
+
+    def motion(x, dt, u):
+        return jnp.concatenate([multiply(multiply(x[:4], exponential(u * dt)), exponential(-x[4:7] * dt)), x[4:]])
+
+    return sigmax.Model(
+        motion=motion,
+        sensor=lambda x: sights(x).at[3].add(x[7]),
+        Q=np.array([GYRO**2] * 3 + [DRIFT**2] * 3 + [0.0]),
+        R=np.full(6, SIGHT**2),
+        state=(sigmax.rotation("attitude"), "bx", "by", "bz", "offset"),
+    )
+
+
+@pytest.mark.parametrize("filter", ["SREKFB", "TSEKF"])
+def test_a_bias_of_curved_parts_is_the_state_with_it(filter):
+    _, u, z = flown(3, 30, DEVIATION, 4)
+    own = sigmax.Gaussian([1.0, 0, 0, 0], DEVIATION[:3] ** 2)
+    whole = sigmax.Gaussian([1.0, *np.zeros(7)], [*DEVIATION[:3] ** 2, *[0.02**2] * 3, 0.1**2])
+    got = sigmax.run(filter, by_bias(), own, z, inputs=u, dt=1.0)
+    want = sigmax.run("SREKFB", by_hand(), whole, z, inputs=u, dt=1.0)
+    gap = minus(ATTITUDE.space, np.concatenate([got.mean, got.bias_mean[..., :3]], -1), want.mean[..., :7])
+    assert np.abs(gap / want.std[..., :6]).max() < 1e-9
+    assert np.abs(got.bias_std / want.std[..., 3:] - 1).max() < 1e-9
+    scale = want.std[..., :3, None] * want.std[..., None, :3]
+    assert np.abs((got.cov - want.cov[..., :3, :3]) / scale).max() < 1e-9
+    live = sigmax.Live(filter, by_bias(), own)
+    for k in range(3):
+        live.predict(1.0, u[0, k])
+        live.update(z[0, k])
+    assert np.allclose(live.mean, got.mean[0, 2], rtol=0, atol=1e-12)
+    assert np.allclose(live.bias_std, got.bias_std[0, 2], rtol=1e-12)
+    back, wanted = sigmax.smooth(filter, by_bias(), got), sigmax.smooth("SREKFB", by_hand(), want)
+    assert np.abs((back.bias_mean - wanted.mean[..., 4:]) / want.std[..., 3:]).max() < 1e-9
+
+
 def test_a_domain_acts_on_points_and_deviations():
     """A domain that turns the whole state turns mean and covariance with it."""
     quarter = turn(np.array([0.0, 0.0, np.pi / 2]))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import sigmax
-from sigmax.models.whole import whole
+from sigmax.models.augment import augment
 from sigmax.studies.named import NAMED, zhang
 from sigmax.studies.simulate import draw
 from tests.laws import test_bias as biased
@@ -13,13 +13,13 @@ from tests.laws import test_bias as biased
 
 def test_the_whole_model_is_the_one_put_together_by_hand():
     X, dt = jnp.array([0.3, 0.2, 5.0, 0.1, -0.2]), 0.7
-    made, hand = whole(biased.BIASED), biased.BY_HAND
+    made, hand = augment(biased.BIASED), biased.BY_HAND
     assert made.state == hand.state
     assert np.allclose(made.motion(X, dt), hand.motion(X, dt))
     assert np.allclose(made.sensors[""](X), hand.sensors[""](X))
     assert np.allclose(made.Q(dt) if callable(made.Q) else made.Q * dt, hand.Q * dt)
-    assert whole(hand) is hand
-    again = whole(biased.BIASED)
+    assert augment(hand) is hand
+    again = augment(biased.BIASED)
     assert (again.motion, again.sensors[""]) == (made.motion, made.sensors[""])
 
 
@@ -41,11 +41,11 @@ def test_functions_of_the_model_go_with_it():
             prior=sigmax.Gaussian([0.0], [1.0]),
         ),
     )
-    made = whole(given)
+    made = augment(given)
     X, u = jnp.array([2.0, 5.0]), jnp.array([3.0, 7.0])
     assert np.allclose(made.motion(X, 0.5, u), [2 + 0.5 * 3 + 0.5 * 7 * 5, 5])
     assert np.allclose(made.sensors[""](X, u), [2 + 7 * 2 * 5])
-    assert np.allclose(made.Q(X, 0.5), np.diag([1.5, 1.5]))
+    assert np.allclose(made.Q(X, 0.5), [1.5, 1.5])
     assert np.allclose(made.R[""](X), [5.0])
 
 

@@ -44,17 +44,6 @@ def raised(L: Matrix, least: jax.Array) -> Matrix:
     return jnp.stack([jnp.stack(row) for row in rows])
 
 
-def block_diagonal(A: Matrix, B: Matrix) -> Matrix:
-    """[[A, 0], [0, B]] of two square matrices."""
-    if isinstance(A, Diagonal) and isinstance(B, Diagonal):
-        return Diagonal(jnp.concatenate([A.entries, B.entries]))
-    A, B = dense(A), dense(B)
-    zero = jnp.zeros((len(A), len(B), *A.shape[2:]), A.dtype)
-    return jnp.concatenate(
-        [jnp.concatenate([A, zero], axis=1), jnp.concatenate([zero.swapaxes(0, 1), B], axis=1)], axis=0
-    )
-
-
 def safe_sqrt(a: jax.Array) -> tuple[jax.Array, jax.Array]:
     """√a with the derivative 0 where a ≤ 0, and where a > 0."""
     positive = a > 0

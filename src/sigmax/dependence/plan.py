@@ -13,7 +13,7 @@ class Plan(NamedTuple):
     Attributes:
         rows: of the result, those that are sampled; the others are straight, so that their moments are exact.
         order: the components whose points are drawn, in this order: those that have to vary, and more where the
-            set asks for it.
+            set asks for it. Behind them those that vary with the same coordinates, of a factor with fewer columns.
         turned: whether that is another order than the state's, for which the factor's rows are made triangular.
         parts: what is evaluated at the points.
         size: how many coordinates of the points matter.
@@ -45,17 +45,18 @@ def planned(read: Reading, angular: Sequence[bool], counts: Sequence[int], sizes
     varying = components(read.bent)
     rows = read.sampled_rows(angular)
     parts = read.parts(rows)
-    everything = tuple(range(read.size))
+    everything, columns = tuple(range(read.size)), len(counts) - 1
 
     def plan(order: tuple[int, ...]) -> Plan:
         """Drawn in the order of all components."""
-        levels = tuple(order.index(c) + 1 if c in varying else 0 for c in everything)
+        levels = tuple(min(order.index(c) + 1, columns) if c in varying else 0 for c in everything)
         size = next((k for k in sizes if k >= max(levels)), 0) if varying else 0
         turned = order[:size] != everything[:size]
-        return Plan(rows, order[:size], turned, parts, size, levels)
+        return Plan(rows, (*order[:size], *(c for c in order[size:] if levels[c])), turned, parts, size, levels)
 
     given = plan(everything)
-    if not permute or not varying:
+    # Of a factor with fewer columns than rows no other order is triangular.
+    if not permute or not varying or max(varying) >= columns:
         return given
     first = best_order(parts, counts)
     first += tuple(c for c in varying if c not in first)

@@ -16,6 +16,7 @@ from sigmax.export.testing import makefile, test_program
 from sigmax.export.vectors import Rows, filtered, simulated
 from sigmax.filters import Filter
 from sigmax.leftovers import clear_leftovers, part_of
+from sigmax.models.augment import augment
 from sigmax.models.fusion import Fused, name_of, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
@@ -87,7 +88,7 @@ def export_c(
     step = float(elapsed.flat[0])
     ready = prepare(chosen, model, prior, silent, step, None if u is None else u[None], dtype)
     # Alone the motion is the same whether sensors are fused or not, and takes no covariances of measurements.
-    apart = cast(model.placed(ready.filter.form.bias_first), dtype)
+    apart = cast(augment(model, ready.filter.form.bias_first), dtype)
     inputs_count = 0 if u is None else len(u)
     low = with_numbers(ready.filter, apart, inputs_count, dtype)
     try:
@@ -105,8 +106,7 @@ def export_c(
         parts = {"": tuple(f"{identifier(s)}_{part}" for s, own in parts.items() for part in own)}
     curved = {s: own.deviations for s, own in model.measured.items() if own is not None and not own.space.flat}
     residuals = parts | {s: identifiers(names) for s, names in curved.items()}
-    deviations = ready.model.joint_state if model.space.flat else model.deviations
-    rows_of = identifiers(ready.model.joint_state), identifiers(deviations)
+    rows_of = identifiers(ready.model.state), identifiers(ready.model.deviations)
     names = Names(prefix, *rows_of, parts, residuals, 0 if u is None else len(u))
     single = dtype == np.float32
     rows = simulated(model, prior, step, u) if z is None else _rows(model, z, elapsed, given)

@@ -1,6 +1,7 @@
 """Models: what moves, what is seen, and how uncertain both are."""
 
 from sigmax.models import motions, sensors
+from sigmax.models.augment import augment
 from sigmax.models.bias import Bias
 from sigmax.models.components import angle, direction, extended_pose, part, pose2, pose3, rotation
 from sigmax.models.derivatives import with_derivatives
@@ -19,6 +20,7 @@ __all__ = [
     "Motion",
     "Sensor",
     "angle",
+    "augment",
     "direction",
     "extended_pose",
     "fused",

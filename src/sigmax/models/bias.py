@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -13,19 +12,19 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, noise, takes
 
 
-@jax.tree_util.register_pytree_node_class
 class Bias:
-    """A bias b (p,) that adds B b to every motion and F b to a sensor: x⁺ = f(x) + B b, z = h(x) + F b, b⁺ = b + w.
+    """A bias b (p,) of every motion and of sensors: x⁺ = f(x) + B b, z = h(x) + F b, b⁺ = b + w.
 
-    The filter estimates it beside the state (Zhang et al., (14)); no state is put together by hand.
+    The filter estimates it beside the state (Zhang et al., (14)); no state is put together by hand. In curved parts B b
+    and F b are deviations (d rows): a turn of an attitude about the axes of the body, applied behind the motion.
 
     Args:
         prior: of the bias, N(b0, P_b0), (p,) or (B, p) for a batch.
         motion: B (n, p), added at every prediction as it stands, or a function `B(dt)`, `B(x, dt)` or
             `B(x, dt, u)` that gives it for the interval; None where the motion has no bias.
         sensor: F (m, p), or a function `F(x)` or `F(x, u)`; by name where there are several sensors, those
-            that are not named having no bias. What depends on time takes it from the inputs u, and x is
-            the estimate: with F = range a bias in the scale of the range is linearised.
+            that are not named having no bias. What depends on time takes it from the inputs u. With F = range b is
+            an unknown scale of the range: F(x) b is a function of both, which filters treat as they do h.
         Q: noise of the bias as in `Model`: variances (p,) or a covariance per second, or a function of dt;
             None for a constant.
         names: of the components; counted where they are not given.
@@ -46,7 +45,7 @@ class Bias:
         if not isinstance(prior, Gaussian):
             raise InputError(f"the prior of a bias must be a sigmax.Gaussian, it is {type(prior).__name__}")
         p = prior.size
-        self.prior: Gaussian | None = prior
+        self.prior = prior
         self.names = tuple(f"bias{i}" for i in range(p)) if names is None else strings("names", names)
         if not len(self.names) == len(set(self.names)) == p:
             raise InputError(
@@ -64,26 +63,20 @@ class Bias:
             if F is not None
         }
         self.Q = noise("the bias's Q", np.zeros(p) if Q is None else Q, self.names, OF_MOTION)
-        # Where the bias stands in what a filter carries: behind the state, or before it.
-        self.first = False
 
     @property
     def size(self) -> int:
         """p, the number of components."""
         return len(self.names)
 
-    def starting(self) -> Gaussian:
-        """Its prior.
-
-        Raises:
-            InputError: where it has none left.
-        """
-        if self.prior is None:
-            raise InputError("this bias was prepared for an engine and has no prior; take the model you made")
-        return self.prior
-
-    def fitted(self, state: Sequence[str], sensors: Mapping[str, Sequence[str] | None], several: bool) -> "Bias":
-        """The bias, checked against the model it belongs to.
+    def fitted(
+        self,
+        state: Sequence[str],
+        deviations: Sequence[str],
+        sensors: Mapping[str, Sequence[str] | None],
+        several: bool,
+    ) -> "Bias":
+        """The bias, checked against the model it belongs to, by the names of its numbers and deviations.
 
         Raises:
             InputError: where it does not fit.
@@ -94,47 +87,16 @@ class Bias:
         for s in self.sensor:
             if s not in sensors:
                 raise unknown("sensor", s, sensors)
-        same = set(state) & set(self.names)
+        same = {*state, *deviations} & set(self.names)
         if same:
             raise InputError(f"state and bias have components of the same name: {sorted(same)}; give Bias(names=…)")
-        _check_rows("the motion's bias B", self.motion, state)
+        _check_rows("the motion's bias B", self.motion, deviations)
         for s, F in self.sensor.items():
             _check_rows(f"the bias F of the sensor {s!r}" if s else "the sensor's bias F", F, sensors[s])
         return self
 
-    def placed(self, first: bool) -> "Bias":
-        """The bias as an engine carries it: before or behind the state, without the prior."""
-        made = object.__new__(Bias)
-        made.__dict__.update(self.__dict__, first=first, prior=None)
-        return made
-
     def __repr__(self) -> str:
         return f"Bias({', '.join(self.names)})"
-
-    def tree_flatten(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """For JAX: numbers are data, functions tell one bias from another."""
-        values = (self.motion, *self.sensor.values(), self.Q)
-        leaves = tuple(None if callable(v) else v for v in values)
-        functions = tuple(v if callable(v) else None for v in values)
-        return (*leaves, self.prior), (functions, tuple(self.sensor), self.names, self.by_name, self.first)
-
-    @classmethod
-    def tree_unflatten(cls, aux: tuple[Any, ...], leaves: tuple[Any, ...]) -> "Bias":
-        """For JAX: values pass unchecked."""
-        functions, sensors, names, by_name, first = aux
-        made = object.__new__(cls)
-        *values, prior = leaves
-        B, *Fs, Q = (v if f is None else f for v, f in zip(values, functions, strict=True))
-        made.__dict__.update(
-            motion=B,
-            sensor=dict(zip(sensors, Fs, strict=True)),
-            Q=Q,
-            prior=prior,
-            names=names,
-            by_name=by_name,
-            first=first,
-        )
-        return made
 
 
 def coefficients(what: str, given: Any, p: int, allowed: tuple[int, ...]) -> Any:
@@ -174,8 +136,8 @@ def joint(prior: Gaussian, bias: Gaussian, first: bool) -> Gaussian:
         raise InputError(f"the priors of state and bias have batches of different size: {sorted(batches)}")
     of_mean, of_cov = (array.broadcast_shapes(*shapes) for shapes in zip(*_batches(parts), strict=True))
     mean = array.concatenate([array.broadcast_to(p.mean, (*of_mean, p.size)) for p in parts], -1)
-    n, m = (p.size for p in parts)
-    P, Q = (array.broadcast_to(p.cov, (*of_cov, p.size, p.size)) for p in parts)
+    n, m = (p.dim for p in parts)
+    P, Q = (array.broadcast_to(p.cov, (*of_cov, p.dim, p.dim)) for p in parts)
     zero = array.zeros((*of_cov, n, m))
     upper, lower = (array.concatenate(row, -1) for row in ((P, zero), (array.swapaxes(zero, -1, -2), Q)))
     made = object.__new__(Gaussian)

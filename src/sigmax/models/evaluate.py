@@ -6,9 +6,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.arrays import Lifted, spread, times
-from sigmax.algebra.factor import Diagonal, Matrix, block_diagonal, cholesky, safe_sqrt
-from sigmax.errors import InputError
+from sigmax.algebra.arrays import Lifted, spread
+from sigmax.algebra.factor import Diagonal, Matrix, cholesky, safe_sqrt
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, takes
 from sigmax.rules.charted import linearized
@@ -20,79 +19,32 @@ Noisy = tuple[Matrix, jax.Array]
 def linearized_motion(
     rule: Rule, model: Model, x: jax.Array, S: jax.Array, dt: jax.Array, u: jax.Array | None
 ) -> Linearization:
-    """The motion by a rule about N(x, S Sᵀ); a bias stays as it is, which no rule needs to find out."""
-    line = linearized(rule, moving(model, x, dt, u), x, S, model.joint_space, model.space)
-    if model.bias is None:
-        return line
-    at, first = model.offsets, model.bias.first
-
-    def rows(state: jax.Array, bias: jax.Array) -> jax.Array:
-        return jnp.concatenate([bias, state] if first else [state, bias])
-
-    residual, deficit = (
-        rows(N, jnp.zeros((model.biases, *N.shape[1:]), N.dtype)) for N in (line.residual, line.deficit)
-    )
-    return Linearization(rows(line.mean, x[at]), rows(line.slope, S[at]), residual, deficit)
+    """The motion by a rule about x ⊞ N(0, S Sᵀ)."""
+    return linearized(rule, moving(model, x, dt, u), x, S, model.space, model.space)
 
 
 def moving(model: Model, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Lifted:
-    """The motion of the state over dt () or (B,), with inputs (k,) or (k, B); what depends on the estimate takes x."""
+    """The motion over dt () or (B,), with inputs (k,) or (k, B), of states with a batch where x has one."""
     arguments = [(dt, 0)] + ([(u, 1)] if model.motion_inputs and u is not None else [])
-    f = Lifted(model.motion, arguments, x.ndim > 1)
-    return f if model.bias is None else _biased(f, model, x, (dt, 0), model.bias.motion, u)
+    return Lifted(model.motion, arguments, x.ndim > 1)
 
 
 def linearized_sensor(
     rule: Rule, model: Model, sensor: str, x: jax.Array, S: jax.Array, u: jax.Array | None, size: int
 ) -> Linearization:
     """A sensor that gives `size` numbers by a rule about x ⊞ N(0, S Sᵀ)."""
-    return linearized(rule, sensing(model, sensor, x, u), x, S, model.joint_space, model.measured_space(sensor, size))
+    return linearized(rule, sensing(model, sensor, x, u), x, S, model.space, model.measured_space(sensor, size))
 
 
 def sensing(model: Model, sensor: str, x: jax.Array, u: jax.Array | None) -> Lifted:
-    """A sensor with inputs (k,) or (k, B); what depends on the estimate takes x."""
+    """A sensor with inputs (k,) or (k, B), of states with a batch where x has one."""
     arguments = [(u, 1)] if model.sensor_inputs[sensor] and u is not None else []
-    h = Lifted(model.sensors[sensor], arguments, x.ndim > 1)
-    return h if model.bias is None else _biased(h, model, x, None, model.bias.sensor.get(sensor), u)
+    return Lifted(model.sensors[sensor], arguments, x.ndim > 1)
 
 
-def in_domain(model: Model, batched: bool) -> Any:
-    """The model's domain on all that an engine carries, None without one."""
-    if model.domain is None:
-        return None
-    state = Lifted(model.domain, [], batched)
-    if model.bias is None:
-        return state
-    own = model.own
-    return lambda x: jnp.concatenate([x[: own.start], state(x[own]), x[own.stop :]])
-
-
-def _biased(
-    g: Lifted, model: Model, x: jax.Array, dt: tuple[jax.Array, int] | None, given: Any, u: jax.Array | None
-) -> Lifted:
-    """G of the state and what the bias adds to it, C b; C is held at the estimate, so that b enters straight."""
-    own, at = model.own, model.offsets
-    if given is None:
-        return g.instead(lambda X, *rest: g.function(X[own], *rest))
-    C = _evaluated(given, x[own], dt, u)[0] if callable(given) else jnp.asarray(given).astype(x.dtype)
-    if C.ndim < 2 or C.shape[1] != model.biases:
-        # The product below takes matrices apart by rows and would not notice.
-        raise InputError(
-            f"B and F must have a column for each of the {model.biases} components of the bias; one has {C.shape}"
-        )
-
-    def biased(X: jax.Array, *rest: jax.Array) -> jax.Array:
-        return jnp.asarray(g.function(X[own], *rest[:-1])) + times(rest[-1], X[at])
-
-    return Lifted(biased, [*g.arguments, (C, 2)], g.batched)
-
-
-NoiseRoots = tuple[Matrix | None, Matrix | None]
-
-
-def noise_roots(model: Model) -> NoiseRoots:
-    """The factors of the noises of motion and bias that are given as numbers, None for a function."""
-    return noise_root(model.Q), None if model.bias is None else noise_root(model.bias.Q)
+def in_domain(model: Model, batched: bool) -> Lifted | None:
+    """The model's domain, None without one."""
+    return None if model.domain is None else Lifted(model.domain, [], batched)
 
 
 def noise_root(Q: Noise) -> Matrix | None:
@@ -104,20 +56,11 @@ def noise_root(Q: Noise) -> Matrix | None:
     return cholesky(jnp.asarray(Q))[0]
 
 
-def motion_noise(model: Model, roots: NoiseRoots, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Noisy:
-    """Factor of the covariance of the noise over dt, of state and bias, and whether it is one."""
-    at = x[model.own]
-    Lq, sound = _over(model.Q, roots[0], at, dt, u)
-    if model.bias is None:
-        return Lq, sound
-    Lb, bias_sound = _over(model.bias.Q, roots[1], at, dt, u)
-    return block_diagonal(*((Lb, Lq) if model.bias.first else (Lq, Lb))), sound & bias_sound
-
-
-def _over(Q: Noise, root: Matrix | None, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Noisy:
+def motion_noise(model: Model, root: Matrix | None, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Noisy:
+    """Factor of the covariance of the noise over dt, and whether it is one; `root` is `noise_root(model.Q)`."""
     batch = x.shape[1:]
     if root is None:
-        return _factored(*_evaluated(Q, x, (dt, 0), u), batch)
+        return _factored(*_evaluated(model.Q, x, (dt, 0), u), batch)
     elapsed = safe_sqrt(dt)[0]
     if isinstance(root, Diagonal):
         entries = spread(root.entries, 1, batch) * elapsed
@@ -129,7 +72,7 @@ def sensor_noise(model: Model, R: Noise, x: jax.Array, u: jax.Array | None, seen
     """Factor of a sensor's noise; components that were not `seen` (m, ...) get a noise of their own, 1."""
     batch = x.shape[1:]
     if callable(R):
-        value, batched = _evaluated(R, x[model.own], None, u)
+        value, batched = _evaluated(R, x, None, u)
     else:
         value, batched = (R.entries if isinstance(R, Diagonal) else jnp.asarray(R)), 0
     if value.ndim - batched == 1:

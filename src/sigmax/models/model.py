@@ -93,11 +93,8 @@ class Model:
             raise InputError(f"bias must be a sigmax.Bias, it is {type(bias).__name__}")
         # The blocks of sensors that are corrected together: see `fused`.
         self.fusion: tuple[Any, ...] | None = None
-        if bias is not None and self.curved:
-            raise InputError(
-                "a bias stands beside states and measurements of numbers and angles; put it into the state"
-            )
-        self.bias = None if bias is None else bias.fitted(self.state, self.measurement, self.several)
+        seen_by = {s: self.measured_deviations(s) for s in self.sensors}
+        self.bias = None if bias is None else bias.fitted(self.state, self.deviations, seen_by, self.several)
 
     @property
     def state(self) -> tuple[str, ...]:
@@ -145,32 +142,6 @@ class Model:
         return 0 if self.bias is None else self.bias.size
 
     @property
-    def own(self) -> slice:
-        """Where the state stands in what an engine carries."""
-        before = self.biases if self.bias is not None and self.bias.first else 0
-        return slice(before, before + self.size)
-
-    @property
-    def offsets(self) -> slice:
-        """Where the bias stands in what an engine carries."""
-        before = 0 if self.bias is not None and self.bias.first else self.size
-        return slice(before, before + self.biases)
-
-    @property
-    def joint_state(self) -> tuple[str, ...]:
-        """Names of all that an engine carries."""
-        if self.bias is None:
-            return self.state
-        return (*self.bias.names, *self.state) if self.bias.first else (*self.state, *self.bias.names)
-
-    @property
-    def joint_angular(self) -> tuple[bool, ...]:
-        """Which components of what an engine carries are angles; those of a bias are not wrapped."""
-        marked = [False] * (self.size + self.biases)
-        marked[self.own] = self.angular
-        return tuple(marked)
-
-    @property
     def motion_driven(self) -> bool:
         """Whether motion, its noise or its bias takes inputs."""
         others = (self.Q,) if self.bias is None else (self.Q, self.bias.Q, self.bias.motion)
@@ -181,14 +152,6 @@ class Model:
         others = (self.R[sensor], None if self.bias is None else self.bias.sensor.get(sensor))
         return self.sensor_inputs[sensor] or any(callable(f) and takes(f, "R", OF_SENSOR) == 2 for f in others)
 
-    def placed(self, first: bool) -> "Model":
-        """The model as an engine takes it: with its bias before or behind the state."""
-        if self.bias is None:
-            return self
-        made = object.__new__(Model)
-        made.__dict__.update(self.__dict__, bias=self.bias.placed(first))
-        return made
-
     def with_bias_prior(self, prior: Gaussian) -> "Model":
         """The model with another prior of its bias, (p,) or (B, p); one without a bias is itself."""
         if self.bias is None:
@@ -196,11 +159,6 @@ class Model:
         made, bias = copy.copy(self), copy.copy(self.bias)
         bias.prior, made.bias = prior, bias
         return made
-
-    @property
-    def joint_space(self) -> Space:
-        """Where all that an engine carries lives."""
-        return self.space if self.bias is None else Flat(self.joint_angular)
 
     def measured_space(self, sensor: str, size: int) -> Space:
         """Where what a sensor measures lives, which gives `size` numbers."""
@@ -222,12 +180,12 @@ class Model:
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """For JAX: noises given as numbers are data, everything else tells one model from another."""
-        kept = {k: v for k, v in vars(self).items() if k not in ("Q", "R", "bias")}
+        kept = {k: v for k, v in vars(self).items() if k not in ("Q", "R")}
         fixed = tuple((k, tuple(v.items()) if isinstance(v, dict) else v) for k, v in kept.items())
         # A noise that is a function belongs to the model's identity, not to its numbers.
         leaves = tuple(None if callable(v) else v for v in (self.Q, *self.R.values()))
         functions = tuple(v if callable(v) else None for v in (self.Q, *self.R.values()))
-        return (*leaves, self.bias), (fixed, functions, tuple(self.R))
+        return leaves, (fixed, functions, tuple(self.R))
 
     @classmethod
     def tree_unflatten(cls, aux: tuple[Any, ...], leaves: tuple[Any, ...]) -> "Model":
@@ -236,8 +194,7 @@ class Model:
         made = object.__new__(cls)
         for key, value in fixed:
             setattr(made, key, dict(value) if key in ("sensors", "sensor_inputs", "measured") else value)
-        made.bias = leaves[-1]
-        noises = [f if leaf is None else leaf for leaf, f in zip(leaves[:-1], functions, strict=True)]
+        noises = [f if leaf is None else leaf for leaf, f in zip(leaves, functions, strict=True)]
         made.Q, made.R = noises[0], dict(zip(sensors, noises[1:], strict=True))
         return made
 

@@ -55,7 +55,7 @@ def by_value(given: Any) -> Any:
 
 def dense_noise(R: Any) -> Any:
     """A noise in numbers as a matrix."""
-    return np.diag(R.entries) if isinstance(R, Diagonal) else R
+    return arrays_of(R.entries).diag(R.entries) if isinstance(R, Diagonal) else R
 
 
 def noise(label: str, given: Any, components: Sequence[str] | None, allowed: tuple[int, ...]) -> Noise:

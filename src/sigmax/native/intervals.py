@@ -71,7 +71,8 @@ def _of_numbers(operation: str, known: list[Interval]) -> Interval:
         case "integer":
             return min(_whole(a), 0.0), max(_whole(b), 0.0)
         case "floor":
-            return (math.floor(a) if math.isfinite(a) else a), (math.floor(b) if math.isfinite(b) else b)
+            # As numbers with a point: an `int` would be exact beyond what a node can hold.
+            return (float(math.floor(a)) if math.isfinite(a) else a), (float(math.floor(b)) if math.isfinite(b) else b)
         case "unsigned zero":
             return a, b
         case "sign":

@@ -75,7 +75,7 @@ def _located(built: Built, sensor: str, z: np.ndarray) -> tuple[np.ndarray, np.n
     sensing = built.sensings[sensor]
     if built.biased is None or sensor not in built.biased.effects:
         return first_position(sensing, z)
-    prior = built.biased.bias.starting()
+    prior = built.biased.bias.prior
     F = built.biased.effects[sensor].on(z)
     return first_position(sensing, z - F @ prior.mean, F @ prior.cov @ F.swapaxes(1, 2))
 

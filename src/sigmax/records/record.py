@@ -120,7 +120,7 @@ class Record:
         prior = Gaussian(self.prior.mean, np.asarray(self.prior.cov) * np.outer(kept[:n], kept[:n]))
         if bias is None or kept[n:].all():
             return self.model, prior
-        offsets = bias.starting()
+        offsets = bias.prior
         known = Gaussian(offsets.mean, np.asarray(offsets.cov) * np.outer(kept[n:], kept[n:]))
         return self.model.with_bias_prior(known), prior
 
@@ -133,7 +133,7 @@ class Record:
     def label(self, trial: Trial) -> str:
         """The trial for tables: what is fixed, and at what value."""
         bias = self.model.bias
-        mean = [*np.atleast_2d(self.prior.mean)[0], *([] if bias is None else np.atleast_2d(bias.starting().mean)[0])]
+        mean = [*np.atleast_2d(self.prior.mean)[0], *([] if bias is None else np.atleast_2d(bias.prior.mean)[0])]
         fixed = [f"{name} fixed at {mean[list(self.components).index(name)]:g}" for name in trial.fixed]
         return ", ".join([trial.filter.name, *fixed])
 

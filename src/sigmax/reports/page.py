@@ -181,7 +181,7 @@ def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Scor
     each = " of the first track" if len(record.tracks) > 1 else ""
     rows = [(f"prior{each}", started(model.state, mean, cov)), ("noise of the motion, per second", _noise(model.Q))]
     if model.bias is not None:
-        offsets = model.bias.starting()
+        offsets = model.bias.prior
         rows.append(("prior of the bias", started(model.bias.names, offsets.mean, offsets.cov)))
         rows.append(("noise of the bias, per second", _noise(model.bias.Q)))
     rows += [(f"noise of {s or 'the sensor'}", _noise(R)) for s, R in model.R.items()]

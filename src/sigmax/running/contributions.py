@@ -68,7 +68,7 @@ def contribution(
         i, matrix = _to_state(live.filter, sensor)(model, live.belief, value, own, u)
         if not np.isfinite(matrix).all():
             raise _no_inverse(sensor)
-        of_state = model.joint_state, np.array(live.belief.mean, float), np.array(i), np.array(matrix)
+        of_state = model.state, np.array(live.belief.mean, float), np.array(i), np.array(matrix)
         return Contribution("state", sensor, *of_state, 0.0, 0.0, int(seen.sum()), time)
     if callable(used):
         raise InputError(f"R of {sensor!r} is a function; give R= of this measurement")
@@ -210,17 +210,17 @@ def _to_state(filter: Filter, sensor: str) -> Any:
 
 
 def _into_state(live: Live, given: list[Contribution]) -> None:
-    model, names = live.apart, tuple(map(str, live.apart.joint_state))
+    model, names = live.apart, tuple(map(str, live.apart.state))
     x, S = (np.asarray(a, float) for a in live.belief)
     vector, matrix = np.zeros(len(names)), np.zeros((len(names), len(names)))
     for c in given:
         if c.components != names:
             raise InputError(f"a contribution is to {list(c.components)}, this filter carries {list(names)}")
-        vector = vector + c.vector + c.matrix @ np.asarray(wrap(jnp.asarray(c.about - x), model.joint_angular))
+        vector = vector + c.vector + c.matrix @ np.asarray(wrap(jnp.asarray(c.about - x), model.angular))
         matrix = matrix + c.matrix
     mean, factor, sound = (np.asarray(a) for a in _summed(x, S, vector, matrix))
     if sound:
-        moved = np.asarray(wrap(jnp.asarray(mean), model.joint_angular))
+        moved = np.asarray(wrap(jnp.asarray(mean), model.angular))
         live.put(Belief(moved, factor), Fault.NONE)
     else:
         live.put(live.belief, Fault.CORRECTION_INDEFINITE)

@@ -9,15 +9,16 @@ import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter, get
-from sigmax.models.as_one import as_one
 from sigmax.models.checks import by_name, enough_memory, finite, is_traced, numbers
 from sigmax.models.fusion import Fused, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
+from sigmax.models.stack import stack
 from sigmax.running.current import current_model
 from sigmax.running.functions import check_functions
 from sigmax.running.intervals import intervals
 from sigmax.running.joining import joined
+from sigmax.running.layout import Layout
 from sigmax.running.linearity import check_linear
 
 
@@ -28,13 +29,14 @@ class Prepared(NamedTuple):
 
     Attributes:
         filter: as it runs on the model.
-        model: with its noises in the type of the run.
+        model: with its noises in the type of the run, and without a bias: that is in the state.
         mean: (n,) or (B, n).
         cov: (n, n) or (B, n, n).
         z: by sensor, (T, m) or (B, T, m).
         dt: (T,) or (B, T).
         u: (T, k) or (B, T, k), or None.
         batch: B, or None; what has no batch of its own is the same for all tracks.
+        layout: what the arrays of the result mean.
         fused: what was put together before the run, where sensors are fused.
         update_first: whether the first step is a correction alone.
         captured: whether a function of the model holds a number that is being traced.
@@ -49,6 +51,7 @@ class Prepared(NamedTuple):
     dt: Any
     u: Any
     batch: int | None
+    layout: Layout
     fused: Fused | None = None
     update_first: bool = False
     captured: bool = False
@@ -100,7 +103,7 @@ def prepare(
     fused = None
     if model.fusion is not None:
         fused = put_together(model, measured, u)
-        model = as_one(model)
+        model = stack(model)
         (name,) = model.sensors
         measured, u = {name: fused.z}, fused.u
     batches = {f"z[{s!r}]" if s else "z": v.shape[0] for s, v in measured.items() if v.ndim == 3}
@@ -130,6 +133,7 @@ def prepare(
         typed(elapsed, dtype),
         None if u is None else typed(u, dtype),
         batch,
+        Layout.of(given, batch is not None, filter.form.bias_first),
         fused,
         update_first,
         captured,

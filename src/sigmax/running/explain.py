@@ -9,9 +9,9 @@ import jax.numpy as jnp
 from sigmax.dependence import Plan, complexity, permutation, reading, total_cost, weight_matrix
 from sigmax.errors import InputError
 from sigmax.filters import Filter
+from sigmax.models.augment import with_bias
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, check_flat
-from sigmax.models.whole import with_bias
 from sigmax.rules import SigmaPoints
 from sigmax.running.edge import as_filter
 from sigmax.running.linearizing import seconds_of

@@ -120,12 +120,13 @@ def _check_bias(model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Ma
     assert model.bias is not None
     p = model.bias.size
     wanted: list[tuple[str, Any, int, tuple[int, ...]]] = [
-        ("the motion's bias B", model.bias.motion, model.size, OF_MOTION)
+        ("the motion's bias B", model.bias.motion, model.dim, OF_MOTION)
     ]
     for s, F in model.bias.sensor.items():
         label = f"the bias F of the sensor {s!r}" if s else "the sensor's bias F"
-        wanted += [(label, F, sizes[s], OF_SENSOR)] if s in sizes else []
-    captured = []
+        wanted += [(label, F, model.measured_space(s, sizes[s]).dim, OF_SENSOR)] if s in sizes else []
+    # Where Q of the state is a function, that of the bias is a part of it.
+    captured = [is_traced(model.bias.Q)]
     for what, C, rows, allowed in wanted:
         if C is None or (not given and callable(C) and takes(C, what, allowed) == allowed[-1]):
             continue
@@ -135,6 +136,7 @@ def _check_bias(model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Ma
             captured.append(found.captured)
         else:
             shape = C.shape
+            captured.append(is_traced(C))
         if shape != (rows, p):
             raise InputError(f"{what} must have the shape {(rows, p)}; it has {shape}")
     return captured

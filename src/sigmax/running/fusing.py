@@ -8,10 +8,10 @@ import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter, once
-from sigmax.models.as_one import as_one
 from sigmax.models.checks import is_traced, numbers
 from sigmax.models.fusion import Fused, chosen, inputs_behind, name_of, put_together
 from sigmax.models.model import Model
+from sigmax.models.stack import stack
 from sigmax.rules import Marginal, Taylor1
 from sigmax.running.step import LOG_2PI, Innovation
 
@@ -52,7 +52,7 @@ class Members(NamedTuple):
     @classmethod
     def of(cls, model: Model) -> "tuple[Members | None, Model]":
         """The members, if there are any, and the model as an engine takes it."""
-        return (None, model) if model.fusion is None else (cls(model, name_of(model)), as_one(model))
+        return (None, model) if model.fusion is None else (cls(model, name_of(model)), stack(model))
 
     def inputs(self, u: Any) -> Any:
         """Inputs of a prediction, with nothing where the covariances of measurements stand."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter
-from sigmax.models.bias import joint
+from sigmax.models.augment import with_bias
 from sigmax.models.checks import enough_memory, is_traced
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
@@ -17,7 +17,7 @@ from sigmax.running.current import check_model
 
 
 def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model, Gaussian]:
-    """Filter, model and prior as the engines take them: a bias beside the state, where the form wants it.
+    """Filter, model and prior as the engines take them: the bias in the state, where the form wants it.
 
     Raises:
         InputError: where one of them is something else, or the prior does not fit the model.
@@ -37,10 +37,8 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
         _warn_of_wrapping(filter, model, prior)
     tracks, n = len(prior.mean) if prior.mean.ndim == 2 else 1, model.size + model.biases
     enough_memory(f"a filter of {tracks} tracks", (2.0 * n + n * n) * tracks)
-    filter, first = filter.on(model.biases), filter.form.bias_first
-    if model.bias is not None:
-        prior = joint(prior, model.bias.starting(), first)
-    return filter, model.placed(first), prior
+    filter = filter.on(model.biases)
+    return filter, *with_bias(model, prior, filter.form.bias_first)
 
 
 def _warn_of_wrapping(filter: Filter, model: Model, prior: Gaussian) -> None:

@@ -28,21 +28,21 @@ class Layout(NamedTuple):
     fusion: tuple[tuple[str, str], ...] = ()
 
     @classmethod
-    def of(cls, model: Model, batched: bool) -> "Layout":
-        """The layout of a run on a model as an engine takes it."""
-        several, bias = model.several, model.bias
-        if bias is None:
-            return cls(model.state, model.space, batched, several)
-        return cls(model.state, model.space, batched, several, bias.names, bias.first)
+    def of(cls, model: Model, batched: bool, bias_first: bool) -> "Layout":
+        """The layout of a run on a model as the user has it."""
+        bias = () if model.bias is None else model.bias.names
+        return cls(model.state, model.space, batched, model.several, bias, bias_first and bool(bias))
 
     @property
-    def own(self) -> slice:
-        """Where the state stands in what was stored."""
-        before = len(self.bias) if self.bias_first else 0
-        return slice(before, before + len(self.state))
+    def numbers(self) -> tuple[slice, slice]:
+        """Where the numbers of the state and of the bias stand in what was stored."""
+        return self._places(len(self.state))
 
     @property
-    def offsets(self) -> slice:
-        """Where the bias stands in what was stored."""
-        before = 0 if self.bias_first else len(self.state)
-        return slice(before, before + len(self.bias))
+    def deviations(self) -> tuple[slice, slice]:
+        """Where their deviations stand."""
+        return self._places(self.space.dim)
+
+    def _places(self, own: int) -> tuple[slice, slice]:
+        p = len(self.bias)
+        return (slice(p, p + own), slice(0, p)) if self.bias_first else (slice(0, own), slice(own, own + p))

@@ -20,6 +20,7 @@ from sigmax.running.fusing import Members, with_members_live
 from sigmax.running.given import Given
 from sigmax.running.intervals import seconds_of
 from sigmax.running.joining import joined
+from sigmax.running.layout import Layout
 from sigmax.running.live_lanes import LaneState
 from sigmax.running.live_xla import XlaState
 from sigmax.running.saved import identity, restored, saved
@@ -60,6 +61,8 @@ class Live:
         self._asked = as_filter(filter), model, prior
         now = current_model(model)
         self.filter, model, prior = joined(self._asked[0], now, prior)
+        layout = Layout.of(now, prior.mean.ndim == 2, self.filter.form.bias_first)
+        self._biased, self._numbers, self._deviations = bool(layout.bias), layout.numbers, layout.deviations
         self.apart = model  # its sensors, where they are fused
         self._members, model = Members.of(model)
         self._dtype = run_type(dtype)
@@ -82,22 +85,22 @@ class Live:
         if self._busy:
             raise InputError(_SHARED)
         mean = self._state.read_mean()
-        return mean if self.model.bias is None else mean[..., self.model.own]
+        return mean[..., self._numbers[0]] if self._biased else mean
 
     @property
     def bias_mean(self) -> np.ndarray:
         """The estimate of the bias (p,) or (B, p)."""
-        return self._state.read_mean()[..., self.model.offsets]
+        return self._state.read_mean()[..., self._numbers[1]]
 
     @property
     def bias_cov(self) -> np.ndarray:
         """Its covariance (p, p) or (B, p, p)."""
-        return self._state.read_cov()[..., self.model.offsets, self.model.offsets]
+        return self._state.read_cov()[..., self._deviations[1], self._deviations[1]]
 
     @property
     def bias_std(self) -> np.ndarray:
         """Its standard deviations (p,) or (B, p)."""
-        return self._deviations(self.model.offsets)
+        return self._root_of_squares(self._deviations[1])
 
     @property
     def cov(self) -> np.ndarray:
@@ -105,12 +108,12 @@ class Live:
         if self._busy:
             raise InputError(_SHARED)
         cov = self._state.read_cov()
-        return cov if self.model.bias is None else cov[..., self.model.own, self.model.own]
+        return cov[..., self._deviations[0], self._deviations[0]] if self._biased else cov
 
     @property
     def std(self) -> np.ndarray:
         """Its standard deviations (n,) or (B, n)."""
-        return self._deviations(self.model.own)
+        return self._root_of_squares(self._deviations[0])
 
     @property
     def belief(self) -> Belief:
@@ -225,7 +228,7 @@ class Live:
         self.__init__(*asked, dtype=dtype, backend=backend)  # type: ignore[misc]
         self.restore(content)
 
-    def _deviations(self, rows: slice) -> np.ndarray:
+    def _root_of_squares(self, rows: slice) -> np.ndarray:
         S = self._state.factor[..., rows, :]
         return np.sqrt((S * S).sum(-1))
 

@@ -11,7 +11,7 @@ import numpy as np
 from sigmax.algebra.compiling import compiled
 from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
-from sigmax.models.evaluate import noise_roots
+from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.models.opaque import failures_raised
 from sigmax.running.covariances import covariances
@@ -97,7 +97,7 @@ def half_steps(filter: Filter, structure: Any) -> tuple[Any, Any, Any]:
 
     def move(leaves: Any, belief: Belief, dt: Any, u: Any) -> tuple[Belief, Any]:
         model = jax.tree.unflatten(structure, leaves)
-        return predict(filter, model, noise_roots(model), belief, dt, u)
+        return predict(filter, model, noise_root(model.Q), belief, dt, u)
 
     def see(leaves: Any, belief: Belief, sensor: str, z: Any, R: Any, u: Any) -> tuple[Belief, Innovation, Any]:
         model = jax.tree.unflatten(structure, leaves)

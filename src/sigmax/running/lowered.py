@@ -9,7 +9,7 @@ import numpy as np
 
 from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
-from sigmax.models.evaluate import noise_roots
+from sigmax.models.evaluate import noise_root
 from sigmax.models.fusion import Fused
 from sigmax.models.model import Model
 from sigmax.native import Graph, Program, evaluate
@@ -52,7 +52,7 @@ class Lowered:
         self.filter, self.structure, self.inputs, self.dtype = filter, structure, inputs, np.dtype(dtype)
         self._alone, self._numbers = alone, numbers
         self.zeros = [np.array(pattern).reshape(shape) for shape, pattern in zeros]
-        space = self._model([np.zeros(z.shape) for z in self.zeros]).joint_space
+        space = self._model([np.zeros(z.shape) for z in self.zeros]).space
         self.packing = Packing(space.size, space.dim)
         self._made: dict[tuple[Any, ...], Step] = {}
 
@@ -146,7 +146,7 @@ class Lowered:
 
         def function(model: Model, mean: Any, factor: Any, dt: Any, *u: Any) -> Any:
             belief, fault = predict(
-                self.filter, model, noise_roots(model), Belief(mean, factor), dt, u[0] if u else None
+                self.filter, model, noise_root(model.Q), Belief(mean, factor), dt, u[0] if u else None
             )
             return *belief, fault
 
@@ -187,7 +187,7 @@ class Lowered:
         def function(
             model: Model, mean: Any, factor: Any, later: Any, later_factor: Any, dt: Any, fault: Any, *u: Any
         ) -> Any:
-            noise = noise_roots(model)
+            noise = noise_root(model.Q)
             (new, root), failed = back(
                 self.filter, model, noise, (mean, factor), (later, later_factor), fault, dt, u[0] if u else None
             )

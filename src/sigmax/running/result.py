@@ -45,14 +45,15 @@ class Smoothed:
     @property
     def mean(self) -> Any:
         """Estimates (…, T, n)."""
-        return self._out(self.stored_mean, "mean")[..., self.layout.own]
+        return self._out(self.stored_mean, "mean")[..., self.layout.numbers[0]]
 
     @property
     def factor(self) -> Any:
         """Lower factors S of the covariances, P = S Sᵀ (…, T, n, n)."""
-        rows = self._rows(self.layout.own)
+        at, _ = self.layout.deviations
+        rows = self._rows(at)
         if not self.layout.bias_first:
-            return rows[..., : len(self.layout.state)]
+            return rows[..., at]
         return self._triangle(rows)
 
     def _array(self) -> Any:
@@ -71,7 +72,7 @@ class Smoothed:
     @property
     def cov(self) -> Any:
         """Covariances (…, T, n, n), computed when asked for."""
-        return self._covariance(self.layout.own)
+        return self._covariance(self.layout.deviations[0])
 
     def _covariance(self, rows: slice) -> Any:
         # Of state and bias together, though one of them is asked for: the same sums in the same order as live.
@@ -80,7 +81,7 @@ class Smoothed:
     @property
     def std(self) -> Any:
         """Standard deviations (…, T, n)."""
-        S = self._rows(self.layout.own)
+        S = self._rows(self.layout.deviations[0])
         return (S * S).sum(-1) ** 0.5
 
     @property
@@ -91,17 +92,17 @@ class Smoothed:
     @property
     def bias_mean(self) -> Any:
         """Estimates of the bias (…, T, p)."""
-        return self._out(self.stored_mean, "mean")[..., self.layout.offsets]
+        return self._out(self.stored_mean, "mean")[..., self.layout.numbers[1]]
 
     @property
     def bias_cov(self) -> Any:
         """Their covariances (…, T, p, p)."""
-        return self._covariance(self.layout.offsets)
+        return self._covariance(self.layout.deviations[1])
 
     @property
     def bias_std(self) -> Any:
         """Standard deviations of the bias (…, T, p)."""
-        S = self._rows(self.layout.offsets)
+        S = self._rows(self.layout.deviations[1])
         return (S * S).sum(-1) ** 0.5
 
     def joint(self) -> tuple[Any, Any]:

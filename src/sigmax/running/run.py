@@ -15,7 +15,6 @@ from sigmax.running import lanes, scanned
 from sigmax.running.backend import attempt
 from sigmax.running.edge import Prepared, as_filter, prepare
 from sigmax.running.fusing import how, with_members
-from sigmax.running.layout import Layout
 from sigmax.running.result import PARTS, Result
 
 
@@ -71,7 +70,7 @@ def run(
         lambda: lanes.filtered(kept, ready),
         lambda: scanned.filtered(kept, ready, traced),
     )
-    layout = Layout.of(ready.model, ready.batch is not None)
+    layout = ready.layout
     if ready.fused is not None:
         total, parts = with_members(parts, total, ready.fused)
         layout = layout._replace(fusion=how(ready.filter, model))

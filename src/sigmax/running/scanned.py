@@ -12,7 +12,7 @@ from sigmax.algebra.compiling import compiled, tracing
 from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
 from sigmax.models.checks import is_traced
-from sigmax.models.evaluate import noise_roots
+from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.models.opaque import calls_out
 from sigmax.running.edge import Prepared
@@ -121,7 +121,7 @@ def _scan(
     u: Any,
 ) -> Parts:
     """The run over a record: total log-likelihood and what is kept, batch last."""
-    root = noise_roots(model)
+    root = noise_root(model.Q)
 
     def step(
         carry: tuple[Belief, jax.Array], here: tuple[_Laid, jax.Array]

@@ -9,8 +9,9 @@ import numpy as np
 from sigmax.algebra.compiling import compiled, tracing
 from sigmax.errors import InputError
 from sigmax.filters import Filter
+from sigmax.models.augment import augment
 from sigmax.models.checks import is_traced
-from sigmax.models.evaluate import noise_roots
+from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.running import lanes
 from sigmax.running.backend import attempt
@@ -65,7 +66,7 @@ def smooth(
         _check_same("dt", elapsed, result.stored_dt, 1)
     if inputs is not None:
         _check_same("inputs", u, result.stored_inputs, 2)
-    model = cast(model.placed(chosen.form.bias_first), dtype)
+    model = cast(augment(model, chosen.form.bias_first), dtype)
     traced = is_traced((kept, model, elapsed, u))
 
     def with_xla() -> Any:
@@ -81,7 +82,7 @@ def smooth(
 
 def _check_layout(model: Model, ran: Layout, bias_first: bool) -> None:
     """Refuse a model of other components than the run, and a filter that carries them in another order."""
-    here = Layout.of(model.placed(bias_first), ran.batched)
+    here = Layout.of(model, ran.batched, bias_first)
     for what, ours, theirs in (("state", here.state, ran.state), ("bias", here.bias, ran.bias)):
         if ours != theirs:
             raise InputError(f"the model is not that of the run: its {what} is {list(ours)}, of the run {list(theirs)}")
@@ -108,7 +109,7 @@ def _check_same(what: str, given: Any, ran: Any, core: int) -> None:
 def _backwards(
     filter: Filter, model: Model, mean: Any, factor: Any, fault: Any, dt: Any, u: Any
 ) -> tuple[Any, Any, Any]:
-    noise = noise_roots(model)
+    noise = noise_root(model.Q)
 
     def step(later: tuple[Any, Any], at: Any) -> tuple[tuple[Any, Any], Any]:
         x, S, next_fault, next_dt, next_u = at

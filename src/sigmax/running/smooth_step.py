@@ -8,7 +8,7 @@ import numpy as np
 from sigmax.algebra.arrays import product, times
 from sigmax.algebra.factor import Matrix, absorb, add, dense, downdate, pivoted, raised, release, solve_lower, tria
 from sigmax.filters import Filter
-from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise
+from sigmax.models.evaluate import in_domain, linearized_motion, motion_noise
 from sigmax.models.model import Model
 from sigmax.rules import Taylor1
 from sigmax.rules.charted import linearized
@@ -23,7 +23,7 @@ State = tuple[Any, Any]  # mean (n, ...) and factor (n, n, ...)
 def back(
     filter: Filter,
     model: Model,
-    noise: NoiseRoots,
+    noise: Matrix | None,
     filtered: State,
     later: State,
     later_fault: Any,
@@ -45,7 +45,7 @@ def back(
 
 
 def _back(
-    filter: Filter, model: Model, noise: NoiseRoots, x: Any, S: Any, later: tuple[Any, Any], dt: Any, u: Any
+    filter: Filter, model: Model, noise: Matrix | None, x: Any, S: Any, later: tuple[Any, Any], dt: Any, u: Any
 ) -> tuple[Any, Any, Any]:
     """One step backwards: x_s = x + C S⁻⁻¹ (x_later − x⁻), S_s = tria[left, C S⁻⁻¹ S_later], less what D takes.
 
@@ -57,7 +57,7 @@ def _back(
     line, L = _in_domain(model, line, Lq)
     # Rounding counts as noise: neither a row of E and S nor the mean is better than its last digits.
     rows = jnp.abs(line.slope).sum(1) + jnp.abs(S).sum(1)
-    L = raised(L, float(np.finfo(x.dtype).eps) * (ROUNDING * rows + 4 * model.joint_space.magnitude(line.mean)))
+    L = raised(L, float(np.finfo(x.dtype).eps) * (ROUNDING * rows + 4 * model.space.magnitude(line.mean)))
     predicted, cross, left = absorb(L, line.slope, S)
     taken = line.deficit
     if taken.shape[1]:
@@ -66,7 +66,7 @@ def _back(
         predicted, cross = (jnp.where(exists, a, b) for a, b in ((less.factor, predicted), (less.cross, cross)))
         taken = jnp.where(exists, less.rest, 0)
     later_mean, later_factor = later
-    space = model.joint_space
+    space = model.space
     ahead = space.difference(later_mean, line.mean)
     later_factor = space.turned_back(line.mean, ahead, later_factor)
     along = _solved(predicted, jnp.concatenate([ahead[:, None], later_factor], axis=1))
@@ -92,7 +92,7 @@ def _in_domain(model: Model, line: Linearization, Lq: Matrix) -> tuple[Lineariza
     function = in_domain(model, line.mean.ndim > 1)
     if function is None:
         return line, L
-    space = model.joint_space
+    space = model.space
 
     def turned(M: Any) -> Linearization:
         return linearized(Taylor1(), function, line.mean, M, space, space)

@@ -12,7 +12,7 @@ from sigmax.algebra.arrays import diagonal
 from sigmax.algebra.factor import Matrix, raised, tria
 from sigmax.filters import Filter
 from sigmax.forms import Predicted
-from sigmax.models.evaluate import NoiseRoots, in_domain, linearized_motion, motion_noise, sensor_noise
+from sigmax.models.evaluate import in_domain, linearized_motion, motion_noise, sensor_noise
 from sigmax.models.model import Model
 from sigmax.models.noise import Noise
 from sigmax.rules import Taylor1
@@ -105,17 +105,17 @@ class Innovation(NamedTuple):
 
 
 def predict(
-    filter: Filter, model: Model, roots: NoiseRoots, belief: Belief, dt: jax.Array, u: jax.Array | None
+    filter: Filter, model: Model, root: Matrix | None, belief: Belief, dt: jax.Array, u: jax.Array | None
 ) -> tuple[Belief, jax.Array]:
     """The belief dt later, and the fault (...) of each member of the batch.
 
-    `roots` are the factors of noises that are given as numbers (`noise_roots(model)`).
+    `root` is `noise_root(model.Q)`.
     """
     x, S = belief
     with jax.named_scope("the motion, linearised"):
         line = linearized_motion(filter.predict, model, x, S, dt, u)
     with jax.named_scope("the noise of the motion"):
-        Lq, noise_sound = motion_noise(model, roots, x, dt, u)
+        Lq, noise_sound = motion_noise(model, root, x, dt, u)
     with jax.named_scope("the predicted covariance"):
         predicted, widened = _predicted(filter, line, Lq)
     new = _in_domain(model, Belief(line.mean, predicted.factor))
@@ -134,7 +134,7 @@ def correct(
 ) -> tuple[Belief, Innovation, jax.Array]:
     """The belief after a measurement z (m, ...) of one sensor, NaN in it meaning missing."""
     x, S = belief
-    space = model.joint_space
+    space = model.space
     _, seen = there(model.measured_space(sensor, z.shape[0]), z)
     count = seen.sum(0)
     with jax.named_scope("the noise of the sensor"):
@@ -201,7 +201,7 @@ def _in_domain(model: Model, belief: Belief) -> Belief:
     function = in_domain(model, belief.mean.ndim > 1)
     if function is None:
         return belief
-    space = model.joint_space
+    space = model.space
     line = linearized(Taylor1(), function, belief.mean, belief.factor, space, space)
     return Belief(line.mean, tria(line.slope))
 

@@ -67,7 +67,7 @@ def observing(
     filter: Filter, model: Model, sensor: str, Lr: Matrix, x: jax.Array, S: jax.Array, z: jax.Array, u: Any
 ) -> Observe:
     """The measurement by the sensor's line, as a function of t (n, ...) and of D, the root of t's covariance."""
-    space, onto = model.joint_space, model.measured_space(sensor, z.shape[0])
+    space, onto = model.space, model.measured_space(sensor, z.shape[0])
     known, seen = there(onto, z)
     eps = float(np.finfo(x.dtype).eps)
 

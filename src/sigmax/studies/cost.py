@@ -9,6 +9,7 @@ import numpy as np
 
 from sigmax.filters import Filter
 from sigmax.models import Model
+from sigmax.models.augment import augment
 from sigmax.models.evaluate import moving, sensing
 from sigmax.rules import Marginal, SigmaPoints, Taylor1, Taylor2
 from sigmax.rules.linearization import Function, Rule
@@ -83,7 +84,7 @@ def _evaluations(filter: Filter, model: Model, inputs: np.ndarray | None) -> tup
     """How often motion and sensors are evaluated in a step, None for a rule of the user's."""
     if model.curved:
         return None, None
-    model, n = model.placed(filter.form.bias_first), model.size + model.biases
+    model, n = augment(model, filter.form.bias_first), model.size + model.biases
     x, dt, u = jnp.zeros(n), jnp.ones(()), None if inputs is None else jnp.asarray(inputs[0], float)
     sensors = []
     for name in model.sensors:

@@ -11,7 +11,7 @@ import numpy as np
 from sigmax.algebra.arrays import times, wrap, wrapped
 from sigmax.algebra.factor import cholesky, dense, inverse_lower, solve_lower, square
 from sigmax.models import Model
-from sigmax.models.evaluate import motion_noise, moving, noise_roots, sensing, sensor_noise
+from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
 from sigmax.running.mapped import mapped
 from sigmax.running.step import Fault
 from sigmax.studies.simulate import Drawn, mover, root_of, sizes
@@ -121,7 +121,7 @@ def _resampled(x: np.ndarray, share: np.ndarray, offset: np.ndarray, N: int) -> 
 @lru_cache(maxsize=16)
 def _functions(model: Model, measured: tuple[tuple[str, int], ...], proposal: str) -> Callable[..., Any]:
     """(x, w, blind, z, dt, u) -> the particle dt later and the logarithm of what its weight gains."""
-    disturbed, root = mover(model), noise_roots(model)
+    disturbed, root = mover(model), noise_root(model.Q)
 
     def misses(x: Any, z: Any, u: Any) -> list[tuple[Any, Any, Any]]:
         """By sensor: the miss in units of its noise (0 where missing), the factor of the noise, what was seen."""

@@ -11,7 +11,7 @@ import numpy as np
 from sigmax.algebra.arrays import times
 from sigmax.algebra.factor import Diagonal, Matrix, cholesky
 from sigmax.models import Model
-from sigmax.models.evaluate import motion_noise, moving, noise_roots, sensing, sensor_noise
+from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
 from sigmax.running.mapped import mapped
 from sigmax.studies.study import Study
 
@@ -59,7 +59,7 @@ def root_of(P: Any) -> Any:
 
 def mover(model: Model) -> Callable[..., Any]:
     """(x, w, dt, u) -> the state dt later, disturbed by the noise of the motion."""
-    root = noise_roots(model)
+    root = noise_root(model.Q)
 
     def move(x: Any, w: Any, dt: Any, u: Any) -> Any:
         L, _ = motion_noise(model, root, x, dt, u)

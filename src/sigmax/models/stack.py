@@ -9,14 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.factor import Diagonal
-from sigmax.models.bias import Bias
 from sigmax.models.components import components
 from sigmax.models.fusion import Block, inputs_behind, name_of
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, by_value, dense_noise, takes
 
 
-def as_one(model: Model) -> Model:
+def stack(model: Model) -> Model:
     """The model with the one sensor that its fusion makes: what an engine runs."""
     blocks = model.fusion or ()
     name, heads = name_of(model), [b.members[0] for b in blocks]
@@ -33,7 +32,6 @@ def as_one(model: Model) -> Model:
         measured={name: components("measurement", _names(model, blocks), None, "R")},
         Q=_noise_of_motion(model.Q, extra),
         R={name: _noise(model, blocks, extra)},
-        bias=None if model.bias is None else _bias(model, model.bias, name, heads, extra),
     )
     return made
 
@@ -105,34 +103,3 @@ def _noise_function(
     if extra or any(f is not None and takes(f, "R", OF_SENSOR) == 2 for f in functions):
         return R
     return lambda x: R(x, jnp.zeros(0))
-
-
-def _bias(model: Model, bias: Bias, name: str, heads: list[str], extra: int) -> Bias:
-    """The bias with one F for all blocks."""
-    sizes = [len(model.measurement[s] or ()) for s in heads]
-    Fs = [bias.sensor.get(s) for s in heads]
-    made = object.__new__(Bias)
-    B = bias.motion
-    moved = _fronted(B, 2, extra) if callable(B) and takes(B, "B", OF_MOTION) == 3 else B
-    stacked: Any
-    if any(map(callable, Fs)):
-        stacked = _bias_function(tuple(map(by_value, Fs)), tuple(sizes), bias.size, extra)
-    else:
-        stacked = np.concatenate([np.zeros((m, bias.size)) if F is None else F for F, m in zip(Fs, sizes, strict=True)])
-    made.__dict__.update(bias.__dict__, motion=moved, Q=_noise_of_motion(bias.Q, extra), sensor={name: stacked})
-    return made
-
-
-@lru_cache(maxsize=256)
-def _bias_function(Fs: tuple[Any, ...], sizes: tuple[int, ...], p: int, extra: int) -> Callable[..., Any]:
-    def F(x: jax.Array, *u: jax.Array) -> jax.Array:
-        given = (x, *(_front(v, extra) for v in u))
-        parts = []
-        for f, m in zip(Fs, sizes, strict=True):
-            value = f(*given[: takes(f, "F", OF_SENSOR)]) if callable(f) else jnp.zeros((m, p)) if f is None else f
-            parts.append(jnp.asarray(value, float))
-        return jnp.concatenate(parts)
-
-    if any(callable(f) and takes(f, "F", OF_SENSOR) == 2 for f in Fs):
-        return lambda x, u: F(x, u)
-    return lambda x: F(x)
