@@ -9,7 +9,8 @@ import numpy as np
 from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.native.calls import ready
-from sigmax.native.driver import Record, Sensor, Squares, pointer, series
+from sigmax.native.driver import Squares, pointer
+from sigmax.running.job import bind, one_step, record, said
 from sigmax.running.lanes import started
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.step import Belief, Innovation
@@ -116,53 +117,25 @@ class LaneState:
             model = jax.tree.map(lambda leaf: leaf, model)
             model.R = {**model.R, str(sensor): R}
         low = self._lowered(0 if u is None else u.shape[-1], None if R is None else model)
-        B = len(self.rows)
-        wanted = [*([("predict",)] if moving else []), *([("correct", sensor, size)] if sensor is not None else [])]
-        found = dict(zip([part[0] for part in wanted], low.need(*wanted), strict=True))
-        numbers = low.parameters(model)
-        constants = {name: step.setup(numbers) for name, step in found.items()}
+        B, tracks = len(self.rows), (len(self.rows),) if self._batched else ()
+        needed = [*([("predict",)] if moving else []), *([("correct", sensor, size)] if sensor is not None else [])]
+        parts = bind(low, model, *needed)
         dt = np.zeros((), self.dtype)
         inputs = np.empty(0 if u is None else u.shape, self.dtype)
-        z = np.empty((B, size) if self._batched else size, self.dtype)
-        told: tuple[np.ndarray, ...] = ()
-        sensors = (Sensor * 1)()
-        if sensor is not None:
-            dim = model.measured_space(sensor, size).dim
-            told = (
-                np.empty((B, dim), self.dtype),
-                np.empty((B, dim, dim), self.dtype),
-                np.empty(B, self.dtype),
-                np.empty(B, self.dtype),
-                np.empty(B, np.int64),
-            )
-            sensors[0] = Sensor(
-                found["correct"].address,
-                pointer(constants["correct"]),
-                series(z, 1, self._batched, False),
-                dim,
-                pointer(told[0]),
-                pointer(told[1]),
-            )
-        job = Record(
-            B,
-            1,
-            *low.packing,
-            low.packing.size,
-            found["predict"].address if moving else None,
-            pointer(constants.get("predict")),
-            series(dt, 0, False, False),
-            series(inputs, 1, inputs.ndim == 2, False),
-            0 if sensor is None else 1,
-            sensors,
-            pointer(self.rows),
-            None,
-            None,
-            None,
-            *((pointer(told[2]), pointer(told[3])) if told else (None, None)),
-            pointer(self.fault),
-            pointer(told[4]) if told else None,
+        z = np.empty((*tracks, size), self.dtype)
+        told = None if sensor is None else said(B, model.measured_space(sensor, size).dim, self.dtype)
+        job = record(
+            low.packing,
+            parts,
+            model,
+            self.rows,
+            {} if sensor is None else {sensor: z[..., None, :]},
+            dt[None] if moving else None,
+            None if u is None else inputs[..., None, :],
+            one_step(sensor, told, self.fault),
         )
-        outputs = told if self._batched else tuple(a.reshape(a.shape[1:]) for a in told)
-        kept = constants, sensors, told, self.rows, self.fault, low
+        outputs = () if told is None else tuple(told if self._batched else (a.reshape(a.shape[1:]) for a in told))
+        kept = parts, told, self.rows, self.fault, low
         long = low.packing.size > _MANY
-        return ready(low.driver["record"], job, B, (dt, inputs, z), outputs, Innovation if told else None, long, kept)
+        kind = None if told is None else Innovation
+        return ready(low.driver["record"], job, B, (dt, inputs, z), outputs, kind, long, kept)

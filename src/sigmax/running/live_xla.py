@@ -14,13 +14,14 @@ from sigmax.filters import Filter
 from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.models.opaque import failures_raised
+from sigmax.running.advance import Advanced, Given, advance
 from sigmax.running.covariances import covariances
 from sigmax.running.scanned import batch_first, batch_last
-from sigmax.running.step import Belief, Innovation, correct, later, predict
+from sigmax.running.step import Belief, Innovation
 
 
 class XlaState:
-    """A belief, batch last, and the compiled half-steps that move it on."""
+    """A belief, batch last, and the compiled step that moves it on."""
 
     # See `LaneState`.
     whole: Mapping[str | None, Any] = {}
@@ -31,7 +32,7 @@ class XlaState:
         self.fault: Any = np.zeros(belief.mean.shape[1:], np.int8)
         # Flattened once: the model is the same in every call, and walking it would cost more than the step.
         self._leaves, structure = jax.tree.flatten(model)
-        self._predict, self._update, self._step = half_steps(filter, structure)
+        self._advance = advancing(filter, structure)
 
     @classmethod
     def of_prior(cls, filter: Filter, model: Model, mean: np.ndarray, cov: np.ndarray) -> "XlaState":
@@ -56,23 +57,21 @@ class XlaState:
 
     def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""
-        with failures_raised():
-            out = self._predict(self._leaves, self.belief, self._cast(dt), self._laid(u))
-        self.belief, self.fault = out
+        self._go({}, self._cast(dt), None, u)
 
     def update(self, sensor: str, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
         """Correct."""
-        with failures_raised():
-            out = self._update(self._leaves, self.belief, sensor, z.T, R, self._laid(u))
-        self.belief, told, self.fault = out
-        return self._told(told)
+        return self._go({sensor: z.T}, None, R, u)[sensor]
 
     def step(self, sensor: str, dt: float, z: np.ndarray, R: Any, u: np.ndarray | None) -> Innovation:
         """Move on and correct."""
+        return self._go({sensor: z.T}, self._cast(dt), R, u)[sensor]
+
+    def _go(self, z: dict[str, Any], dt: Any, R: Any, u: np.ndarray | None) -> dict[str, Innovation]:
+        given = Given(z, dt, self._laid(u), {} if R is None else dict.fromkeys(z, R))
         with failures_raised():
-            out = self._step(self._leaves, self.belief, sensor, self._cast(dt), z.T, R, self._laid(u))
-        self.belief, told, self.fault = out
-        return self._told(told)
+            self.belief, said, self.fault = self._advance(self._leaves, self.belief, given)
+        return {s: self._told(told) for s, told in said.items()}
 
     def _cast(self, dt: float) -> np.ndarray:
         return np.asarray(dt, self.belief.mean.dtype)
@@ -92,22 +91,11 @@ def begun(mean: Any, cov: Any) -> Belief:
 
 
 @lru_cache(maxsize=128)
-def half_steps(filter: Filter, structure: Any) -> tuple[Any, Any, Any]:
-    """The compiled half-steps and the whole step of a filter on models of one structure; R is None or numbers."""
+def advancing(filter: Filter, structure: Any) -> Any:
+    """The compiled step of a filter on models of one structure: (leaves, belief, given) -> `Advanced`."""
 
-    def move(leaves: Any, belief: Belief, dt: Any, u: Any) -> tuple[Belief, Any]:
+    def go(leaves: Any, belief: Belief, given: Given) -> Advanced:
         model = jax.tree.unflatten(structure, leaves)
-        return predict(filter, model, noise_root(model.Q), belief, dt, u)
+        return advance(filter, model, noise_root(model.Q), belief, given, True)
 
-    def see(leaves: Any, belief: Belief, sensor: str, z: Any, R: Any, u: Any) -> tuple[Belief, Innovation, Any]:
-        model = jax.tree.unflatten(structure, leaves)
-        return correct(filter, model, sensor, model.R[sensor] if R is None else R, belief, z, u)
-
-    def both(
-        leaves: Any, belief: Belief, sensor: str, dt: Any, z: Any, R: Any, u: Any
-    ) -> tuple[Belief, Innovation, Any]:
-        moved, fault = move(leaves, belief, dt, u)
-        belief, told, failed = see(leaves, moved, sensor, jnp.where(fault <= 0, z, jnp.nan), R, u)
-        return belief, told, later(fault, failed)
-
-    return compiled(move), compiled(see, static=(2,)), compiled(both, static=(2,))
+    return compiled(go)

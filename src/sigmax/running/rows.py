@@ -9,14 +9,16 @@ import numpy as np
 from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.native.calls import extension, ready
-from sigmax.native.driver import EMPTY, Record, Sensor, Step, driver, over_cores, pointer, series
+from sigmax.native.driver import Record
+from sigmax.running.advance import Given
 from sigmax.running.backend import attempt
 from sigmax.running.covariances import covariances
 from sigmax.running.current import current_model
 from sigmax.running.edge import as_filter, cast, run_type
 from sigmax.running.functions import check_shapes, counted
+from sigmax.running.job import Parts, bind, done, one_step, record, said
 from sigmax.running.lanes import started
-from sigmax.running.live_xla import begun, half_steps
+from sigmax.running.live_xla import advancing, begun
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.step import Innovation
 
@@ -61,7 +63,7 @@ class RowSteps:
         self.packing = lowered(self.filter, self.model, 0, self.dtype).packing
         self._lower = np.flatnonzero(np.tri(self.packing.n))
         self._leaves, self._structure = jax.tree.flatten(self.model)
-        self._ready: dict[Any, tuple[Lowered, Step, np.ndarray]] = {}
+        self._ready: dict[Any, tuple[Lowered, Parts]] = {}
         self._calls: dict[Any, Callable[..., Any]] = {}
 
     def __getstate__(self) -> tuple[Any, ...]:
@@ -100,9 +102,8 @@ class RowSteps:
             return moved, fault
 
         def xla() -> tuple[np.ndarray, np.ndarray]:
-            move, _, _ = half_steps(self.filter, self._structure)
-            belief, fault = move(self._leaves, self._belief(rows), _padded(dt), None)
-            return self.packing.packed(belief)[: len(rows)], np.asarray(fault)[: len(rows)]
+            moved, _, fault = self._xla(rows, Given({}, _padded(dt)))
+            return moved, fault
 
         return attempt(self.backend, False, native, xla)
 
@@ -120,10 +121,9 @@ class RowSteps:
             return rows, told, np.zeros(0, np.int8)
 
         def xla() -> Corrected:
-            _, see, _ = half_steps(self.filter, self._structure)
-            belief, told, fault = see(self._leaves, self._belief(rows), sensor, _padded(z).T, None, self._inputs(u))
-            cut = [np.moveaxis(np.asarray(a), -1, 0)[: len(rows)] for a in told]
-            return self.packing.packed(belief)[: len(rows)], Innovation(*cut), np.asarray(fault)[: len(rows)]
+            moved, said, fault = self._xla(rows, Given({sensor: _padded(z).T}, None, self._inputs(u)))
+            cut = [np.moveaxis(np.asarray(a), -1, 0)[: len(rows)] for a in said[sensor]]
+            return moved, Innovation(*cut), fault
 
         return attempt(self.backend, False, lambda: self._native(rows, None, sensor, z, u), xla)
 
@@ -155,23 +155,23 @@ class RowSteps:
         if len(rows) == 1 and extension() is not None:
             state, *told, fault = self._alone(sensor, z, given)(rows, dt, z, given)
             return state, Innovation(*told), fault
-        job, state, told, fault = self._job(rows.astype(self.dtype), dt, sensor, z, given)
-        single = self.dtype == np.float32
-        over_cores(driver(single)["record"], job, len(rows), single)
+        state, fault = rows.astype(self.dtype), np.zeros(len(rows), np.int8)
+        low, job, told = self._job(state, fault, dt, sensor, z, given)
+        done(low, "record", job, len(rows))
         return state, told, fault
 
     def _alone(self, sensor: str | None, z: np.ndarray | None, u: np.ndarray | None) -> Callable[..., Any]:
         """The half-step of one row, bound to arrays of its own: only numbers change from call to call."""
         key = sensor, None if z is None else z.shape, None if u is None else u.shape
         if key not in self._calls:
-            rows, dt = np.empty((1, self.packing.size), self.dtype), np.zeros(1, self.dtype)
+            rows, fault = np.empty((1, self.packing.size), self.dtype), np.zeros(1, np.int8)
+            dt = np.zeros(1, self.dtype)
             z, u = (None if a is None else np.empty(a.shape, self.dtype) for a in (z, u))
-            job, state, told, fault = self._job(rows, None if z is not None else dt, sensor, z, u)
+            low, job, told = self._job(rows, fault, None if z is not None else dt, sensor, z, u)
             # Nothing can be copied into what is not there; None leaves an array as it is.
-            inputs = state, dt, *(np.empty(0, self.dtype) if a is None else a for a in (z, u))
-            function = driver(self.dtype == np.float32)["record"]
-            kept = self._made(*self._which(sensor, z, u))
-            self._calls[key] = ready(function, job, 1, inputs, (state, *told, fault), _Row, kept=kept)
+            inputs = rows, dt, *(np.empty(0, self.dtype) if a is None else a for a in (z, u))
+            kept = self._parts(*self._which(sensor, z, u))
+            self._calls[key] = ready(low.driver["record"], job, 1, inputs, (rows, *told, fault), _Row, kept=kept)
         return self._calls[key]
 
     def _which(self, sensor: str | None, z: np.ndarray | None, u: np.ndarray | None) -> tuple[tuple[Any, ...], int]:
@@ -179,46 +179,42 @@ class RowSteps:
         return ("predict",) if z is None else ("correct", sensor, z.shape[-1]), 0 if u is None else u.shape[-1]
 
     def _job(
-        self, state: np.ndarray, dt: np.ndarray | None, sensor: str | None, z: np.ndarray | None, given: Any
-    ) -> tuple[Record, np.ndarray, Innovation, np.ndarray]:
-        """A half-step on rows, in place, as the driver takes it, and where its results will be."""
-        B = len(state)
+        self,
+        state: np.ndarray,
+        fault: np.ndarray,
+        dt: np.ndarray | None,
+        sensor: str | None,
+        z: np.ndarray | None,
+        u: np.ndarray | None,
+    ) -> tuple[Lowered, Record, Innovation]:
+        """A half-step on rows, in place, and where what it says will be."""
         m = 0 if z is None else self.model.measured_space(str(sensor), z.shape[-1]).dim
-        low, step, constants = self._made(*self._which(sensor, z, given))
-        fault = np.zeros(B, np.int8)
-        told = Innovation(
-            np.empty((B, m), self.dtype),
-            np.empty((B, m, m), self.dtype),
-            np.empty(B, self.dtype),
-            np.empty(B, self.dtype),
-            np.empty(B, np.int64),
+        low, parts = self._parts(*self._which(sensor, z, u))
+        told = said(len(state), m, self.dtype)
+        job = record(
+            self.packing,
+            parts,
+            self.model,
+            state,
+            {} if z is None else {str(sensor): z[:, None]},
+            None if dt is None else dt[:, None],
+            None if u is None else u[..., None, :],
+            one_step(None if z is None else sensor, told, fault),
         )
-        job = Record(tracks=B, steps=1, points=low.packing.points, n=low.packing.n, size=low.packing.size)
-        job.state, job.fault = pointer(state), pointer(fault)
-        job.dt = job.u = EMPTY
-        if given is not None:
-            job.u = series(given, 1, given.ndim == 2, False)
-        if z is None:
-            assert dt is not None
-            job.predict, job.c, job.dt = step.address, pointer(constants), series(dt, 0, True, False)
-        else:
-            seen = series(z, 1, True, False)
-            only = Sensor(step.address, pointer(constants), seen, m, pointer(told.residual), pointer(told.factor))
-            # The job keeps the array of sensors it points at; the arrays of numbers are kept by who made them.
-            job.sensors, job.sensor = 1, (Sensor * 1)(only)
-            job.nis, job.log_likelihood, job.dof = (pointer(a) for a in told[2:])
-        return job, state, told, fault
+        return low, job, told
 
-    def _made(self, part: tuple[Any, ...], inputs: int) -> tuple[Lowered, Step, np.ndarray]:
-        """A compiled half-step and its constants, looked up once."""
+    def _parts(self, part: tuple[Any, ...], inputs: int) -> tuple[Lowered, Parts]:
+        """A compiled half-step with the model's numbers, looked up once."""
         if (part, inputs) not in self._ready:
             low = lowered(self.filter, self.model, inputs, self.dtype)
-            (step,) = low.need(part)
-            self._ready[part, inputs] = low, step, step.setup(low.parameters(self.model))
+            self._ready[part, inputs] = low, bind(low, self.model, part)
         return self._ready[part, inputs]
 
-    def _belief(self, rows: np.ndarray) -> Any:
-        return self.packing.unpacked(_padded(rows))
+    def _xla(self, rows: np.ndarray, given: Given) -> tuple[np.ndarray, dict[str, Innovation], np.ndarray]:
+        """One half-step on XLA, of rows that are padded as `given` is; what they said is not cut yet."""
+        go = advancing(self.filter, self._structure)
+        belief, said, fault = go(self._leaves, self.packing.unpacked(_padded(rows)), given)
+        return self.packing.packed(belief)[: len(rows)], said, np.asarray(fault)[: len(rows)]
 
     def _inputs(self, u: Any) -> Any:
         return None if u is None else _padded(np.asarray(u, self.dtype)).T if np.ndim(u) == 2 else np.asarray(u)

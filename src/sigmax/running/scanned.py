@@ -15,8 +15,9 @@ from sigmax.models.checks import is_traced
 from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.models.opaque import calls_out
+from sigmax.running.advance import Given, advance
 from sigmax.running.edge import Prepared
-from sigmax.running.step import Belief, Innovation, correct, later, predict
+from sigmax.running.step import Belief
 
 _SMALLEST_PART = 256
 
@@ -124,27 +125,13 @@ def _scan(
     root = noise_root(model.Q)
 
     def step(
-        carry: tuple[Belief, jax.Array], here: tuple[_Laid, jax.Array]
+        carry: tuple[Belief, jax.Array], here: tuple[Given, jax.Array]
     ) -> tuple[tuple[Belief, jax.Array], dict[str, Any]]:
-        (belief, total), (at, moving) = carry, here
-
-        def moved(belief: Belief) -> tuple[Belief, jax.Array]:
-            return predict(filter, model, root, belief, at.dt, at.u)
-
-        def stayed(belief: Belief) -> tuple[Belief, jax.Array]:
-            return belief, jnp.zeros(belief.mean.shape[1:], jnp.int8)
-
-        belief, fault = jax.lax.cond(moving, moved, stayed, belief) if update_first else moved(belief)
-        sound = fault <= 0
-        told = {}
-        # In the model's order: JAX sorts the keys of a dict.
-        for sensor in (s for s in model.sensors if s in at.z):
-            measured = jnp.where(sound, at.z[sensor], jnp.nan)
-            belief, told[sensor], failed = _corrected(filter, model, sensor, belief, measured, at.u, len(z) > 1)
-            fault = later(fault, failed)
-        count = sum(i.dof for i in told.values())
-        log_likelihood = sum(i.log_likelihood for i in told.values())
-        nis = sum(jnp.where(i.dof > 0, i.nis, 0) for i in told.values())
+        (belief, total), (given, moving) = carry, here
+        belief, said, fault = advance(filter, model, root, belief, given, moving if update_first else True)
+        count = sum(i.dof for i in said.values())
+        log_likelihood = sum(i.log_likelihood for i in said.values())
+        nis = sum(jnp.where(i.dof > 0, i.nis, 0) for i in said.values())
         parts = {
             "mean": belief.mean,
             "factor": belief.factor,
@@ -152,36 +139,14 @@ def _scan(
             "nis": jnp.where(count > 0, nis, jnp.nan),
             "dof": count,
             "step_log_likelihood": log_likelihood,
-            "innovation": told,
+            "innovation": said,
         }
         return (belief, total + log_likelihood), {name: parts[name] for name in keep}
 
     started = Belief(mean, cholesky(cov)[0])
     zero = jnp.zeros(mean.shape[1:], mean.dtype)
-    records = _Laid(mean=None, cov=None, z=z, dt=dt, u=u)
-    moving = jnp.arange(dt.shape[0]) > 0
-    (_, total), parts = jax.lax.scan(step, (started, zero), (records, moving))
+    (_, total), parts = jax.lax.scan(step, (started, zero), (Given(z, dt, u), jnp.arange(dt.shape[0]) > 0))
     return total, parts
 
 
 _compiled_scan = compiled(_scan, static=(0, 1, 2))
-
-
-def _corrected(
-    filter: Filter, model: Model, sensor: str, belief: Belief, z: Any, u: Any, skip: bool
-) -> tuple[Belief, Innovation, jax.Array]:
-    """A correction; where there are several sensors, one that nobody heard from in this step costs nothing."""
-
-    def heard(belief: Belief) -> tuple[Belief, Innovation, jax.Array]:
-        return correct(filter, model, sensor, model.R[sensor], belief, z, u)
-
-    if not skip:
-        return heard(belief)
-
-    def silent(belief: Belief) -> tuple[Belief, Innovation, jax.Array]:
-        _, told, fault = jax.eval_shape(heard, belief)
-        empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), told)
-        missing = empty._replace(residual=jnp.full_like(empty.residual, jnp.nan), nis=jnp.full_like(empty.nis, jnp.nan))
-        return belief, missing, jnp.zeros(fault.shape, fault.dtype)
-
-    return jax.lax.cond(jnp.isfinite(z).any(), heard, silent, belief)

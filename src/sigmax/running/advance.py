@@ -1,0 +1,88 @@
+"""One step of a record as a pure function: the motion, then what each sensor measured."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from sigmax.algebra.factor import Matrix
+from sigmax.filters import Filter
+from sigmax.models.model import Model
+from sigmax.running.step import Belief, Innovation, correct, later, predict
+
+
+class Given(NamedTuple):
+    """What one step is given.
+
+    Attributes:
+        z: by sensor, (m, ...), NaN where missing; corrected in the order of the model.
+        dt: () or (B,); None where no time passes.
+        u: (k,) or (k, B), or None.
+        R: by sensor, of this measurement; the model's where it is not there.
+    """
+
+    z: Mapping[str, Any]
+    dt: Any = None
+    u: Any = None
+    R: Mapping[str, Any] = {}
+
+
+class Advanced(NamedTuple):
+    """A step done: the belief, what each sensor said, and the fault (...)."""
+
+    belief: Belief
+    said: dict[str, Innovation]
+    fault: Any
+
+
+def advance(filter: Filter, model: Model, root: Matrix | None, belief: Belief, given: Given, moving: Any) -> Advanced:
+    """The belief a step later. What is measured where the motion failed is not heard.
+
+    Args:
+        filter: the filter.
+        model: without a bias.
+        root: `noise_root(model.Q)`.
+        belief: of the step before.
+        given: of this step.
+        moving: whether the motion is done, where that differs from step to step; True where it is always.
+    """
+    fault = jnp.zeros(belief.mean.shape[1:], jnp.int8)
+    if given.dt is not None:
+
+        def moved(belief: Belief) -> tuple[Belief, jax.Array]:
+            return predict(filter, model, root, belief, given.dt, given.u)
+
+        def stayed(belief: Belief) -> tuple[Belief, jax.Array]:
+            return belief, fault
+
+        belief, fault = moved(belief) if moving is True else jax.lax.cond(moving, moved, stayed, belief)
+    sound = fault <= 0
+    said = {}
+    # In the model's order: JAX sorts the keys of a dict.
+    for sensor in (s for s in model.sensors if s in given.z):
+        measured = given.z[sensor] if given.dt is None else jnp.where(sound, given.z[sensor], jnp.nan)
+        belief, said[sensor], failed = _corrected(filter, model, sensor, belief, measured, given, len(given.z) > 1)
+        fault = later(fault, failed)
+    return Advanced(belief, said, fault)
+
+
+def _corrected(
+    filter: Filter, model: Model, sensor: str, belief: Belief, z: Any, given: Given, skip: bool
+) -> tuple[Belief, Innovation, jax.Array]:
+    """A correction; where there are several sensors, one that nobody heard from in this step costs nothing."""
+
+    def heard(belief: Belief) -> tuple[Belief, Innovation, jax.Array]:
+        R = given.R.get(sensor)
+        return correct(filter, model, sensor, model.R[sensor] if R is None else R, belief, z, given.u)
+
+    if not skip:
+        return heard(belief)
+
+    def silent(belief: Belief) -> tuple[Belief, Innovation, jax.Array]:
+        _, said, fault = jax.eval_shape(heard, belief)
+        empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), said)
+        missing = empty._replace(residual=jnp.full_like(empty.residual, jnp.nan), nis=jnp.full_like(empty.nis, jnp.nan))
+        return belief, missing, jnp.zeros(fault.shape, fault.dtype)
+
+    return jax.lax.cond(jnp.isfinite(z).any(), heard, silent, belief)
