@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -201,11 +201,17 @@ def over_cores(function: Any, job: ctypes.Structure, tracks: int, single: bool) 
 
 def pointer(array: np.ndarray | None) -> int | None:
     """The address of an array's numbers."""
-    return None if array is None else array.ctypes.data
+    if array is None:
+        return None
+    try:
+        # What `array.ctypes.data` is, in a quarter of the time.
+        return ctypes.addressof(ctypes.c_char.from_buffer(cast(Any, array)))
+    except (BufferError, TypeError, ValueError):  # nothing in it, read only, or not in one piece
+        return array.ctypes.data
 
 
 def series(array: np.ndarray, core: int, track: bool, step: bool) -> Series:
     """An array with the axes (track, step, …) as far as it has them, the last `core` being one element's."""
     size = math.prod(array.shape[array.ndim - core :])
     steps_ = array.shape[1 if track else 0] if step else 1
-    return Series(array.ctypes.data, size, size * steps_ if track else 0, size if step else 0)
+    return Series(pointer(array), size, size * steps_ if track else 0, size if step else 0)

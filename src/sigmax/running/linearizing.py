@@ -13,9 +13,11 @@ from sigmax.algebra.arrays import Lifted
 from sigmax.algebra.factor import cholesky
 from sigmax.models.gaussian import Gaussian
 from sigmax.native import Graph, Program, Refused, Unavailable, compiler, evaluate
-from sigmax.native.driver import Rows, driver, over_cores, pointer, series, steps
+from sigmax.native.driver import driver, over_cores, steps
 from sigmax.rules import Rule
 from sigmax.running.backend import natively
+from sigmax.running.job import rows as job_of_rows
+from sigmax.running.job import without_numbers
 
 _TRACKS = 1024
 # Rounds in turn: as many as a second allows, on a busy machine the more the better.
@@ -77,10 +79,10 @@ def _native(
 
     def runner(step: Any, program: Program) -> Callable[[], None]:
         out = np.empty((len(rows), len(program.outputs["made"])))
-        constants = step.setup(np.zeros(1))
-        job = Rows(step.address, pointer(constants), series(rows, 1, True, False), out.shape[1], pointer(out))
+        part = without_numbers(step)
+        job = job_of_rows(part, rows, out)
 
-        def run(kept: Any = (constants, out)) -> None:
+        def run(kept: Any = (part, out)) -> None:
             over_cores(driver(False)["rows"], job, len(rows), False)
 
         return run

@@ -11,11 +11,12 @@ import numpy as np
 from sigmax.algebra.compiling import compiled
 from sigmax.native import Graph, Program, evaluate
 from sigmax.native.calls import ready
-from sigmax.native.driver import Rows, Series, Step, Totals, driver, over_cores, pointer, series, steps
+from sigmax.native.driver import Series, Step, Totals, driver, over_cores, pointer, series, steps
 from sigmax.native.fingerprint import fingerprint
 from sigmax.native.machine import lane_bytes
 from sigmax.running.backend import attempt
 from sigmax.running.current import current
+from sigmax.running.job import rows, without_numbers
 
 Shapes = tuple[tuple[int, ...], ...]
 Kind = TypeVar("Kind", bound=tuple[Any, ...])
@@ -34,22 +35,21 @@ def mapped(function: Callable[..., Any], *arrays: np.ndarray, backend: str | Non
         backend: as in `run`.
     """
     function = current(function)
-    rows = [np.ascontiguousarray(a, np.float64) for a in arrays]
-    shapes = tuple(a.shape[1:] for a in rows)
+    each = [np.ascontiguousarray(a, np.float64) for a in arrays]
+    shapes = tuple(a.shape[1:] for a in each)
 
     def native() -> tuple[np.ndarray, ...]:
         step, made_shapes = _lowered(function, shapes)
-        count = len(rows[0])
-        given = np.ascontiguousarray(np.concatenate([a.reshape(count, -1) for a in rows], axis=1))
+        count = len(each[0])
+        given = np.ascontiguousarray(np.concatenate([a.reshape(count, -1) for a in each], axis=1))
         sizes = [int(np.prod(shape)) for shape in made_shapes]
         made = np.empty((count, sum(sizes)))
-        constants = step.setup(np.zeros(1))
-        job = Rows(step.address, pointer(constants), series(given, 1, True, False), made.shape[1], pointer(made))
-        over_cores(driver(False)["rows"], job, count, False)
+        part = without_numbers(step)
+        over_cores(driver(False)["rows"], rows(part, given, made), count, False)
         parts = np.split(made, np.cumsum(sizes)[:-1], axis=1)
         return tuple(part.reshape(count, *shape) for part, shape in zip(parts, made_shapes, strict=True))
 
-    return attempt(backend, False, native, lambda: tuple(map(np.asarray, _vectorised(function)(*rows))))
+    return attempt(backend, False, native, lambda: tuple(map(np.asarray, _vectorised(function)(*each))))
 
 
 def totals(function: Callable[..., Any], *arrays: np.ndarray, backend: str | None = None) -> tuple[np.ndarray, ...]:
@@ -71,8 +71,8 @@ def totals(function: Callable[..., Any], *arrays: np.ndarray, backend: str | Non
         sizes = [int(np.prod(shape)) for shape in made_shapes]
         sums = np.zeros((T, sum(sizes), lane_bytes() // 8))
         parts = (Series * len(given))(*(series(a, a.ndim - 2, True, True) for a in given))
-        constants = step.setup(np.zeros(1))
-        job = Totals(step.address, pointer(constants), T, len(given), sum(sizes), parts, pointer(sums))
+        part = without_numbers(step)
+        job = Totals(part.step.address, pointer(part.constants), T, len(given), sum(sizes), parts, pointer(sums))
         driver(False)["totals"](ctypes.addressof(job), 0, B)
         split = np.split(sums.sum(-1), np.cumsum(sizes)[:-1], axis=1)
         return tuple(part.reshape(T, *shape) for part, shape in zip(split, made_shapes, strict=True))
@@ -98,13 +98,12 @@ def bound(function: Callable[..., Any], shapes: Shapes, kind: type[Kind]) -> Cal
     step, made_shapes = _lowered(function, shapes, True)
     sizes = [[int(np.prod(shape)) for shape in some] for some in (shapes, made_shapes)]
     given, made = (np.zeros(sum(some)) for some in sizes)
-    constants = step.setup(np.zeros(1))
-    job = Rows(step.address, pointer(constants), series(given, 1, False, False), len(made), pointer(made))
+    part = without_numbers(step)
     inputs, outputs = (
         tuple(part.reshape(shape) for part, shape in zip(np.split(flat, np.cumsum(some)[:-1]), each, strict=True))
         for flat, some, each in ((given, sizes[0], shapes), (made, sizes[1], made_shapes))
     )
-    return ready(driver(False, True)["rows"], job, 1, inputs, outputs, kind, kept=constants)
+    return ready(driver(False, True)["rows"], rows(part, given, made), 1, inputs, outputs, kind, kept=part)
 
 
 @lru_cache(maxsize=64)
