@@ -96,3 +96,14 @@ def test_what_moves_numbers_about_moves_their_uncertainty(kind):
         sensors = {"f": ORDERS[first], "g": ORDERS[second]}
         found = apart(kind, functions(0)[0], sensors, measurements(dict(f=2, g=2), 3))
         assert found == [], f"{first}, {second}: {found}"
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", FILTERS)
+def test_what_sees_nothing_of_the_state_or_gives_nothing_is_a_function_too(kind):
+    def watched(x, u):
+        jax.debug.callback(lambda _: None, x[0])
+        return jnp.stack([jnp.sin(x[0]), x[1] * x[2]])
+
+    sensors = {"f": lambda x, u: jnp.array([0.5, -0.25]), "g": lambda x, u: jnp.ones(1), "h": watched}
+    assert apart(kind, functions(0)[0], sensors, measurements(dict(f=2, g=1, h=2), 3)) == []

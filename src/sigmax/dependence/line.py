@@ -75,7 +75,8 @@ class Line(NamedTuple):
             return kept[place, level], -1
 
         for call in self.calls:
-            level = max(levels[i] for i in call.outputs)
+            # What gives nothing, such as a print, is called once.
+            level = max((levels[i] for i in call.outputs), default=0)
             if level == 0:
                 given = [read(i, 1) for i in call.inputs]
                 values = [v if axis is None else v[..., 0] for v, axis in given]
