@@ -160,7 +160,7 @@ def run_form(form: sigmax.forms.Form, shape: Shape, models: Models) -> dict[str,
     blocks += [models.F[..., :n, n:], models.Q[..., n:, n:], *(h[..., n:] for h in H)]
     inputs = np.concatenate([b.reshape(*b.shape[:2], -1) for b in blocks], axis=-1)
     z = dict(zip(shape.names, by_sensor(shape, models.z, 2), strict=True))
-    filter = sigmax.Filter(sigmax.Taylor1(), sigmax.Taylor1(), form)
+    filter = sigmax.Filter(sigmax.rules.Taylor1(), sigmax.rules.Taylor1(), form)
     prior = sigmax.Gaussian(models.mean[:, own], models.cov[:, own, own])
     given = {"dt": models.dt, "inputs": inputs}
     result = sigmax.run(filter, model, prior, z, keep=("mean", "factor", "fault"), **given)

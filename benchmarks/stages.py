@@ -30,8 +30,8 @@ import sigmax
 from sigmax import Bias, Filter, Gaussian, Model
 from sigmax.rules.linearization import Function, Linearization, Rule
 from sigmax.running import lanes
-from sigmax.running.edge import Prepared, prepare
 from sigmax.running.lowered import lowered
+from sigmax.running.prepare import Prepared, prepare
 
 SIZES = ((4, 1, 2, 1), (4, 1, 2, 3), (4, 4, 2, 3), (6, 3, 2, 3), (6, 6, 3, 1), (6, 6, 3, 4), (9, 6, 3, 1))
 TRACKS, STEPS, ROUNDS = 256, 20, 30
@@ -84,7 +84,7 @@ def model(n: int, p: int, m: int, N: int) -> tuple[Model, Gaussian, dict[str, np
     for s in names:
         exact = np.asarray(seen[s].function(jnp.asarray(start)))
         z[s] = exact + rng.standard_normal((TRACKS, STEPS, m)) * np.sqrt(R[s])
-    return (sigmax.fused(made) if N > 1 else made), prior, z
+    return (sigmax.models.fused(made) if N > 1 else made), prior, z
 
 
 def contenders() -> dict[str, Filter]:

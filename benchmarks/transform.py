@@ -30,7 +30,7 @@ def spline(ground):
     (x0, x1), (z0, z1) = ground.extent
     rows, columns = ground.heights.shape
     fitted = RectBivariateSpline(np.linspace(z0, z1, rows), np.linspace(x0, x1, columns), ground.heights)
-    return sigmax.opaque(lambda x, z: fitted.ev(z, x))
+    return sigmax.models.opaque(lambda x, z: fitted.ev(z, x))
 
 
 def transforms(map_name):

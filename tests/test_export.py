@@ -67,7 +67,7 @@ def test_exported_filters_compile_strictly_and_agree(name, filter, tmp_path):
 def test_sensors_that_are_fused_are_one_function(filter, biased, tmp_path):
     """Compressed, stacked, with a bias, with gaps: C puts the measurements together as the library does."""
     names = ("west", "sonar", "east")
-    together = sigmax.fused(fusion.model(names, bias=biased))
+    together = sigmax.models.fused(fusion.model(names, bias=biased))
     done = export_c(filter, together, fusion.PRIOR, tmp_path, name="stations", dt=0.7)
     assert set(done.operations) == {"predict", "update"}
     text = (tmp_path / "stations.h").read_text()

@@ -194,7 +194,8 @@ WAYS = {
     "the body of a loop": of_space("def g(i, x): return x * A\ndef f(x): return jax.lax.fori_loop(0, 1, g, x)"),
     "a compiled helper of a lambda": of_space("@jax.jit\ndef g(x): return x * A\nf = jax.vmap(g)"),
     "a function with derivatives": of_space(
-        "def g(x): return x * A\ndef J(x): return jnp.ones((1, 1)) * A\nf = join(g, J)", join=sigmax.with_derivatives
+        "def g(x): return x * A\ndef J(x): return jnp.ones((1, 1)) * A\nf = join(g, J)",
+        join=sigmax.models.with_derivatives,
     ),
     "a class without a module": of_space("class G:\n    def __call__(self, x): return x * A\nf = G()"),
     "an array in place": array_in_place,

@@ -238,8 +238,8 @@ def test_a_fault_is_told_with_track_step_and_reason(
     record, outcomes, _ = tracked
     fault = np.array(outcomes[0].result.fault)
     # Step 25 of track B2 is padding.
-    fault[1, [12, 25]] = sigmax.Fault.SENSOR_NOISE_INDEFINITE
-    monkeypatch.setattr(sigmax.Smoothed, "fault", property(lambda _: fault))
+    fault[1, [12, 25]] = sigmax.running.Fault.SENSOR_NOISE_INDEFINITE
+    monkeypatch.setattr(sigmax.running.Smoothed, "fault", property(lambda _: fault))
     s = score(record, outcomes[0])
     assert s.faults == 1
     assert s.first_fault.startswith("track B2, step 12 (t = 24 s): R is not positive semidefinite at this step")

@@ -320,7 +320,11 @@ def test_a_live_filter_in_use_refuses_all_that_would_disturb_it():
         return x[:, :1]
 
     model = sigmax.Model(
-        motion=motions.random_walk(("a", "b")), sensor=sigmax.opaque(asks, 1), Q=[0.1, 0.1], R=[1.0], measurement=("z",)
+        motion=motions.random_walk(("a", "b")),
+        sensor=sigmax.models.opaque(asks, 1),
+        Q=[0.1, 0.1],
+        R=[1.0],
+        measurement=("z",),
     )
     live = sigmax.Live("CKF", model, sigmax.Gaussian([0.0, 0.0], np.eye(2)))
     saved = live.save()

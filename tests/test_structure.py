@@ -1,6 +1,7 @@
 """The folders are the architecture: imports go one way, files can be read at a sitting, names are documented."""
 
 import ast
+import importlib
 import inspect
 import re
 import subprocess
@@ -97,6 +98,14 @@ def test_files_can_be_read_at_a_sitting(path):
 @pytest.mark.parametrize("name", [n for n in sigmax.__all__ if not inspect.ismodule(getattr(sigmax, n))])
 def test_every_public_name_says_what_it_is(name):
     assert len((getattr(sigmax, name).__doc__ or "").strip()) > 20
+
+
+@pytest.mark.parametrize("name", sigmax._MOVED)
+def test_names_of_the_last_version_are_found_with_a_note_of_where_they_are(name):
+    with pytest.warns(DeprecationWarning, match=f"{sigmax._MOVED[name]}.{name}"):
+        found = getattr(sigmax, name)
+    assert found is getattr(importlib.import_module(sigmax._MOVED[name]), name)
+    assert name not in sigmax.__all__
 
 
 def test_importing_loads_nothing_heavy():

@@ -22,7 +22,7 @@ MADE = sigmax.builtin("terrain")
 def grid(method, heights=None):
     rng = np.random.default_rng(0)
     chosen = rng.uniform(0, 100, (6, 8)) if heights is None else heights
-    return sigmax.Elevation(chosen, (50.0, 40.0), (10.0, -5.0), method)
+    return sigmax.models.Elevation(chosen, (50.0, 40.0), (10.0, -5.0), method)
 
 
 def model_with(sensor):
@@ -64,12 +64,12 @@ def test_slopes_of_the_bicubic_do_not_jump_where_those_of_the_bilinear_do():
 @pytest.mark.parametrize("given", [np.zeros((1, 5)), np.zeros(3)])
 def test_what_is_no_grid_is_refused(given):
     with pytest.raises(sigmax.InputError, match="2 × 2"):
-        sigmax.Elevation(given, (1.0, 1.0))
+        sigmax.models.Elevation(given, (1.0, 1.0))
 
 
 def test_a_method_that_is_not_known_is_refused():
     with pytest.raises(sigmax.InputError, match="bilinear"):
-        sigmax.Elevation(np.zeros((3, 3)), (1.0, 1.0), method="bilinaer")
+        sigmax.models.Elevation(np.zeros((3, 3)), (1.0, 1.0), method="bilinaer")
 
 
 def test_off_the_map_the_correction_is_a_fault_and_over_flat_ground_it_tells_the_height_alone():
@@ -77,8 +77,8 @@ def test_off_the_map_the_correction_is_a_fault_and_over_flat_ground_it_tells_the
     u[1, 1:] = -1e6
     z = np.full((3, 1), 1000.0)
     result = sigmax.run("EKF", MADE.model, MADE.prior, z, inputs=u)
-    assert result.fault.tolist() == [0, sigmax.Fault.SENSOR_NOT_FINITE, 0]
-    flat = sigmax.Elevation(np.full((4, 4), 300.0), (5e3, 5e3), method="bilinear")
+    assert result.fault.tolist() == [0, sigmax.running.Fault.SENSOR_NOT_FINITE, 0]
+    flat = sigmax.models.Elevation(np.full((4, 4), 300.0), (5e3, 5e3), method="bilinear")
     model = sigmax.Model(
         motion=MADE.model.motion,
         state=MADE.model.state,
@@ -130,7 +130,7 @@ def test_explain_tells_the_counts_of_the_paper():
 
 
 def opaque_model(function, **more):
-    height = sigmax.opaque(function, **more)
+    height = sigmax.models.opaque(function, **more)
 
     def sensor(x, u):
         ground = height(x) if more else height(u[1] + x[5], u[2] + x[6])
@@ -180,8 +180,8 @@ def test_declared_dependencies_derivatives_and_refusals_of_opaque_functions():
     assert shapes == [(5, 2)] * 3
     with pytest.raises(sigmax.InputError, match="plane is opaque and has no derivatives"):
         sigmax.run("EKF", declared, MADE.prior, z, inputs=u)
-    value = sigmax.opaque(lambda x: (500 + 0.1 * x[:, 5] - 0.2 * x[:, 6])[:, None], size=1)
-    known = sigmax.with_derivatives(value, lambda x: jnp.array([[0, 0, 0, 0, 0, 0.1, -0.2]]))
+    value = sigmax.models.opaque(lambda x: (500 + 0.1 * x[:, 5] - 0.2 * x[:, 6])[:, None], size=1)
+    known = sigmax.models.with_derivatives(value, lambda x: jnp.array([[0, 0, 0, 0, 0, 0.1, -0.2]]))
 
     def sensor(x, u):
         return u[:1] + x[:1] - known(x)

@@ -8,6 +8,7 @@ numbers for a living, and a constant made in float32 keeps its lost digits for e
 import importlib
 import os
 import sys
+import warnings
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
@@ -18,131 +19,89 @@ if "jax" in sys.modules:
     sys.modules["jax"].config.update("jax_enable_x64", True)
 
 _HOME = {
-    "sigmax.algebra.arrays": ("wrap",),
     "sigmax.errors": ("InputError",),
     "sigmax.export": ("export_c",),
     "sigmax.filters": ("Filter", "catalogue", "get", "iterated", "names", "once", "robust"),
-    "sigmax.forms": ("Form",),
     "sigmax.models": (
         "Bias",
-        "Elevation",
         "Gaussian",
         "Model",
-        "Motion",
-        "Sensor",
         "angle",
         "direction",
         "extended_pose",
-        "fused",
         "motions",
-        "opaque",
-        "part",
         "pose2",
         "pose3",
         "rotation",
         "sensors",
-        "with_derivatives",
     ),
     "sigmax.models.builtin": ("builtin",),
-    "sigmax.rules": ("Marginal", "SigmaPoints", "SigmaSet", "Taylor1", "Taylor2", "sigma_set"),
-    "sigmax.running": (
-        "Contribution",
-        "Fault",
-        "Fit",
-        "Live",
-        "Result",
-        "Smoothed",
-        "absorb",
-        "contribution",
-        "fit",
-        "run",
-        "smooth",
-    ),
-    "sigmax.studies": ("Comparison", "Study", "compare", "load_studies", "undisturbed"),
+    "sigmax.running": ("Live", "Result", "fit", "run", "smooth"),
+    "sigmax.studies": ("compare",),
     "sigmax.running.explain": ("explain",),
 }
 _WHERE = {name: module for module, names in _HOME.items() for name in names}
-_MODULES = ("forms", "records", "reports", "rules", "spaces", "tracking")
+_MODULES = ("filters", "forms", "models", "records", "reports", "rules", "running", "spaces", "studies", "tracking")
+# Where names of version 0.1 went that few need on their first day; they may be called here until 0.3.
+_MOVED = {
+    **dict.fromkeys(("Marginal", "SigmaPoints", "SigmaSet", "Taylor1", "Taylor2", "sigma_set"), "sigmax.rules"),
+    **dict.fromkeys(("Form",), "sigmax.forms"),
+    **dict.fromkeys(("Elevation", "Motion", "Sensor", "fused", "opaque", "part", "with_derivatives"), "sigmax.models"),
+    **dict.fromkeys(("Contribution", "Fault", "Fit", "Smoothed", "absorb", "contribution"), "sigmax.running"),
+    **dict.fromkeys(("Comparison", "Study", "load_studies", "undisturbed"), "sigmax.studies"),
+    **dict.fromkeys(("wrap",), "sigmax.spaces"),
+}
 
 if TYPE_CHECKING:
     from typing import Any
 
-    from sigmax import forms, records, reports, rules, spaces, tracking
-    from sigmax.algebra.arrays import wrap
+    from sigmax import filters, forms, models, records, reports, rules, running, spaces, studies, tracking
     from sigmax.errors import InputError
     from sigmax.export import export_c
     from sigmax.filters import Filter, catalogue, get, iterated, names, once, robust
-    from sigmax.forms import Form
     from sigmax.models import (
         Bias,
-        Elevation,
         Gaussian,
         Model,
-        Motion,
-        Sensor,
         angle,
         direction,
         extended_pose,
-        fused,
         motions,
-        opaque,
-        part,
         pose2,
         pose3,
         rotation,
         sensors,
-        with_derivatives,
     )
     from sigmax.models.builtin import builtin
-    from sigmax.rules import Marginal, SigmaPoints, SigmaSet, Taylor1, Taylor2, sigma_set
-    from sigmax.running import Contribution, Fault, Fit, Live, Result, Smoothed, absorb, contribution, fit, run, smooth
+    from sigmax.running import Live, Result, fit, run, smooth
     from sigmax.running.explain import explain
-    from sigmax.studies import Comparison, Study, compare, load_studies, undisturbed
+    from sigmax.studies import compare
 
 __all__ = [
     "Bias",
-    "Comparison",
-    "Contribution",
-    "Elevation",
-    "Fault",
     "Filter",
-    "Fit",
-    "Form",
     "Gaussian",
     "InputError",
     "Live",
-    "Marginal",
     "Model",
-    "Motion",
     "Result",
-    "Sensor",
-    "SigmaPoints",
-    "SigmaSet",
-    "Smoothed",
-    "Study",
-    "Taylor1",
-    "Taylor2",
-    "absorb",
     "angle",
     "builtin",
     "catalogue",
     "compare",
-    "contribution",
     "direction",
     "explain",
     "export_c",
     "extended_pose",
+    "filters",
     "fit",
     "forms",
-    "fused",
     "get",
     "iterated",
-    "load_studies",
+    "models",
     "motions",
     "names",
     "once",
-    "opaque",
-    "part",
     "pose2",
     "pose3",
     "records",
@@ -151,14 +110,12 @@ __all__ = [
     "rotation",
     "rules",
     "run",
+    "running",
     "sensors",
-    "sigma_set",
     "smooth",
     "spaces",
+    "studies",
     "tracking",
-    "undisturbed",
-    "with_derivatives",
-    "wrap",
 ]
 
 
@@ -167,6 +124,9 @@ def __getattr__(name: str) -> "Any":
         return getattr(importlib.import_module(_WHERE[name]), name)
     if name in _MODULES:
         return importlib.import_module(f"sigmax.{name}")
+    if name in _MOVED:
+        warnings.warn(f"sigmax.{name} is {_MOVED[name]}.{name} now", DeprecationWarning, stacklevel=2)
+        return getattr(importlib.import_module(_MOVED[name]), name)
     raise AttributeError(f"module 'sigmax' has no attribute {name!r}")
 
 

@@ -183,11 +183,13 @@ def test_projected_points(n, p):
 def test_what_cannot_be_projected_is_refused():
     with pytest.raises(sigmax.InputError, match="symmetric"):
         projected(2, of=simplex, biases=1)
-    rule = sigmax.Marginal(sigmax.Taylor1(), exact=True)
+    rule = sigmax.rules.Marginal(sigmax.rules.Taylor1(), exact=True)
     with pytest.raises(sigmax.InputError, match="only a sigma set"):
         sigmax.run(sigmax.Filter(rule, rule, sigmax.forms.block), BIASED, PRIOR, record())
     mixed = sigmax.Filter(
-        sigmax.Marginal(sigmax.Taylor1()), sigmax.Taylor1(), sigmax.forms.two_stage(sigmax.forms.information)
+        sigmax.rules.Marginal(sigmax.rules.Taylor1()),
+        sigmax.rules.Taylor1(),
+        sigmax.forms.two_stage(sigmax.forms.information),
     )
     with pytest.raises(sigmax.InputError, match="marginal rule takes the bias behind"):
         sigmax.run(mixed, BIASED, PRIOR, record())
@@ -419,7 +421,7 @@ def test_a_covariance_that_negative_weights_make_indefinite_is_told(name, fault)
         bias=sigmax.Bias(sensor=np.ones((1, 2)), prior=sigmax.Gaussian(np.zeros(2), np.eye(2))),
     )
     got = sigmax.run(name, steep, sigmax.Gaussian(np.zeros(4), np.eye(4)), np.full((1, 1), np.nan))
-    assert got.fault.tolist() == [int(sigmax.Fault[fault])]
+    assert got.fault.tolist() == [int(sigmax.running.Fault[fault])]
     assert got.ok.tolist() == [fault == "NONE"]
     assert np.linalg.eigvalsh(got.cov[0]).min() > 0
     assert got.cov[0, 0, 0] > 1

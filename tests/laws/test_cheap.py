@@ -246,7 +246,7 @@ def test_the_evaluations_told_are_those_made(family, parameters, permute, reads)
         points.append(len(x))
         return np.arctan2(x[:, 0], 2 + x.sum(1) ** 2)
 
-    dear = sigmax.opaque(counted, reads=reads)
+    dear = sigmax.models.opaque(counted, reads=reads)
     g = Lifted(lambda x: jnp.stack([x[0], dear(x)]), [], False)
     rule = SigmaPoints(family, permute=permute, **parameters)
     for angular in ((False, False), (True, True)):

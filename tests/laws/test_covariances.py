@@ -37,7 +37,7 @@ def test_a_noise_that_becomes_none_on_the_way_is_a_fault():
     z = np.arange(1.0, 7)[:, None]
     got = sigmax.run("EKF", model, sigmax.Gaussian([0.0, 0], 1e-6 * np.eye(2)), z)
     assert got.fault[:2].tolist() == [0, 0]
-    assert int(sigmax.Fault.MOTION_NOISE_INDEFINITE) in got.fault
+    assert int(sigmax.running.Fault.MOTION_NOISE_INDEFINITE) in got.fault
 
 
 def test_filterpys_names_refuse_it_too():

@@ -65,14 +65,14 @@ def acted(space, g, x):
 def on(name):
     """A walk in a space that is measured as it is, with noise of the same size in all axes."""
     space = CURVED[name]
-    part = sigmax.part("p", space)
+    part = sigmax.models.part("p", space)
     return sigmax.Model(
         motion=lambda x, dt: x,
         sensor=lambda x: x,
         Q=np.full(space.dim, 0.01),
         R=np.full(space.dim, 0.09),
         state=[part],
-        measurement=[sigmax.part("z", space)],
+        measurement=[sigmax.models.part("z", space)],
     )
 
 
@@ -426,8 +426,8 @@ THREE = sigmax.Gaussian([1.0, 0, 0, 0], np.ones(3))
         (lambda m: refused(m, np.full(4, 0.1)), "4 deviations, the model has 3"),
         (lambda m: refused(m, np.full(3, 0.1), mean=[1.0, 1.0, 0, 0]), "unit length"),
         (lambda m: refused(m, np.full(3, 0.1), filter="KF"), "curved"),
-        (lambda m: sigmax.part("a", "rotation"), "space"),
-        (lambda m: sigmax.fused(m), "numbers and angles"),
+        (lambda m: sigmax.models.part("a", "rotation"), "space"),
+        (lambda m: sigmax.models.fused(m), "numbers and angles"),
         (lambda m: sigmax.explain("SRCKF", m, THREE), "numbers and angles"),
         (lambda m: sigmax.tracking.Modes([("EKF", m)]), "a tracker knows"),
     ],

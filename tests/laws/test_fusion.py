@@ -100,7 +100,7 @@ def by_hand(filter, names):
 
 @cache
 def fused(filter, names):
-    return sigmax.run(filter, sigmax.fused(model(names)), PRIOR, {s: record()[s] for s in names}, dt=DT)
+    return sigmax.run(filter, sigmax.models.fused(model(names)), PRIOR, {s: record()[s] for s in names}, dt=DT)
 
 
 ALIKE = ("west", "east", "south")
@@ -145,7 +145,7 @@ def test_what_is_summed_is_said(filter, options):
 
 def test_live_takes_what_came_at_once():
     z = {s: record()[s] for s in MIXED}
-    live = sigmax.Live("TSCIF", sigmax.fused(model(MIXED)), PRIOR)
+    live = sigmax.Live("TSCIF", sigmax.models.fused(model(MIXED)), PRIOR)
     whole = fused("TSCIF", MIXED)
     for k in range(10):
         heard = {s: v[k] for s, v in z.items() if np.isfinite(v[k]).any()}
@@ -161,7 +161,7 @@ def test_live_takes_what_came_at_once():
 
 
 def test_live_on_fused_sensors_refuses_what_it_would_not_use():
-    live = sigmax.Live("EKF", sigmax.fused(model(MIXED)), PRIOR)
+    live = sigmax.Live("EKF", sigmax.models.fused(model(MIXED)), PRIOR)
     before = live.save()
     z = record()["west"][0]
     for says, given in {
@@ -187,23 +187,23 @@ def test_fused_sensors_that_take_inputs_say_so():
         Q=Q,
         R={"buoy": [0.04], "sonar": [0.04]},
     )
-    live = sigmax.Live("EKF", sigmax.fused(watched, messages=True), PRIOR)
-    one = sigmax.contribution(live, [4.0], "buoy")
+    live = sigmax.Live("EKF", sigmax.models.fused(watched, messages=True), PRIOR)
+    one = sigmax.running.contribution(live, [4.0], "buoy")
     for asked in (
         lambda: live.update({"sonar": [4.0]}),
         lambda: live.step({"buoy": [4.0]}, DT),
-        lambda: sigmax.absorb(live, [one]),
+        lambda: sigmax.running.absorb(live, [one]),
     ):
         with pytest.raises(sigmax.InputError, match=r"\['buoy'\] take inputs; give u="):
             asked()
-    assert np.isfinite(sigmax.absorb(live, [one], u=[6.0]).nis)
+    assert np.isfinite(sigmax.running.absorb(live, [one], u=[6.0]).nis)
 
 
 @pytest.mark.parametrize("messages", [False, True])
 def test_live_on_fused_sensors_answers_the_same_on_both_engines(messages):
     """The noise of what was put together is a function of inputs: it must not be taken for numbers."""
     z = {s: record()[s][0] for s in MIXED}
-    together = sigmax.fused(model(MIXED), messages=messages)
+    together = sigmax.models.fused(model(MIXED), messages=messages)
     native, xla = (sigmax.Live("EKF", together, PRIOR, backend=backend) for backend in ("native", "xla"))
     for live in (native, xla):
         live.step(z, DT)
@@ -214,7 +214,7 @@ def test_live_on_fused_sensors_answers_the_same_on_both_engines(messages):
 
 def test_a_batch_with_gaps_of_its_own_and_a_smoother():
     z = {s: np.array([record()[s], record()[s][::-1]]) for s in MIXED}
-    together = sigmax.fused(model(MIXED))
+    together = sigmax.models.fused(model(MIXED))
     batch = sigmax.run("TSCIF", together, PRIOR, z, dt=DT)
     alone = sigmax.run("TSCIF", together, PRIOR, {s: v[1] for s, v in z.items()}, dt=DT)
     assert np.allclose(batch.mean[0], fused("TSCIF", MIXED).mean, rtol=1e-12)
@@ -226,12 +226,12 @@ def test_a_batch_with_gaps_of_its_own_and_a_smoother():
 
 def test_what_cannot_be_fused_is_refused():
     with pytest.raises(sigmax.InputError, match="nothing to fuse"):
-        sigmax.fused(central(ALIKE))
+        sigmax.models.fused(central(ALIKE))
     unnamed = sigmax.Model(
         motion=MOVING, sensor={"a": bearings, "b": distance}, Q=Q, R={"a": lambda x: jnp.ones(2), "b": [1.0]}
     )
     with pytest.raises(sigmax.InputError, match="name the components of the sensor 'a'"):
-        sigmax.fused(unnamed)
+        sigmax.models.fused(unnamed)
 
 
 def stations(filter, names, fusing):
@@ -247,15 +247,15 @@ def test_stations_answer_what_the_central_filter_answers():
     """Each tells the others R⁻¹ z and R⁻¹; what comes late in a message or not at all is left out."""
     names = MIXED
     whole = by_hand("TSCIF", names)
-    there = stations("TSCIF", names[:2], sigmax.fused(model(names), messages=True))
+    there = stations("TSCIF", names[:2], sigmax.models.fused(model(names), messages=True))
     for k in range(12):
         messages = []
         for live in there.values():
             live.predict(DT)
         for s, z in heard(names, k).items():
-            messages.append(sigmax.contribution(there["west"], z, s, time=k * DT).to_json())
+            messages.append(sigmax.running.contribution(there["west"], z, s, time=k * DT).to_json())
         for order, live in zip((1, -1), there.values(), strict=True):
-            told = sigmax.absorb(live, [sigmax.Contribution.from_json(m) for m in messages[::order]])
+            told = sigmax.running.absorb(live, [sigmax.running.Contribution.from_json(m) for m in messages[::order]])
             assert live.ok
             assert np.allclose(live.mean, whole.mean[k], rtol=1e-9)
             assert np.allclose(live.bias_mean, whole.bias_mean[k], rtol=1e-7)
@@ -280,9 +280,9 @@ def test_contributions_to_the_state_add_up(filter, options):
         for live in (here, there):
             live.predict(DT)
         for s, z in heard(names, k).items():
-            messages.append(sigmax.contribution(there, z, s, space="state").to_json())
+            messages.append(sigmax.running.contribution(there, z, s, space="state").to_json())
         for live in (here, there):
-            sigmax.absorb(live, map(sigmax.Contribution.from_json, messages))
+            sigmax.running.absorb(live, map(sigmax.running.Contribution.from_json, messages))
             assert np.allclose(live.mean, whole.mean[k], rtol=1e-9)
             assert np.allclose(live.cov, whole.cov[k], rtol=1e-8, atol=1e-12)
             assert np.allclose(live.bias_mean, whole.bias_mean[k], rtol=1e-7)
@@ -290,24 +290,24 @@ def test_contributions_to_the_state_add_up(filter, options):
 
 def test_messages_that_do_not_fit_are_refused():
     names = ("sonar", "west")
-    live = sigmax.Live("TSCIF", sigmax.fused(model(names), messages=True), PRIOR)
-    one = sigmax.contribution(live, record()["west"][0], "west")
+    live = sigmax.Live("TSCIF", sigmax.models.fused(model(names), messages=True), PRIOR)
+    one = sigmax.running.contribution(live, record()["west"][0], "west")
     with pytest.raises(sigmax.InputError, match=r"add up where there is no Ω.*TSCIF counts it"):
-        sigmax.contribution(live, record()["west"][0], "west", space="state")
+        sigmax.running.contribution(live, record()["west"][0], "west", space="state")
     with pytest.raises(sigmax.InputError, match="messages=True"):
-        sigmax.absorb(sigmax.Live("TSCIF", model(names), PRIOR), [one])
+        sigmax.running.absorb(sigmax.Live("TSCIF", model(names), PRIOR), [one])
     with pytest.raises(sigmax.InputError, match="unknown sensor"):
-        sigmax.absorb(live, [one._replace(sensor="north")])
+        sigmax.running.absorb(live, [one._replace(sensor="north")])
     with pytest.raises(sigmax.InputError, match="of measurements and of the state"):
-        sigmax.absorb(live, [one, one._replace(space="state")])
-    twice = [one, one._replace(time=1.0), sigmax.Contribution.from_json(one.to_json())]
+        sigmax.running.absorb(live, [one, one._replace(space="state")])
+    twice = [one, one._replace(time=1.0), sigmax.running.Contribution.from_json(one.to_json())]
     with pytest.raises(sigmax.InputError, match="of 'west' is there twice"):
-        sigmax.absorb(live, twice)
+        sigmax.running.absorb(live, twice)
     with pytest.raises(sigmax.InputError, match=r"measures \['left', 'right'\] here, .* of \['x', 'y'\]"):
-        sigmax.absorb(live, [one._replace(components=("x", "y"))])
+        sigmax.running.absorb(live, [one._replace(components=("x", "y"))])
     for no_list in ([one.to_json()], one, [None]):
         with pytest.raises(sigmax.InputError, match=r"a list of sigmax\.Contribution"):
-            sigmax.absorb(live, no_list)
+            sigmax.running.absorb(live, no_list)
 
 
 FIELDS = {
@@ -327,21 +327,21 @@ FIELDS = {
 @pytest.mark.parametrize("field", FIELDS)
 def test_a_message_is_refused_by_the_field_that_is_wrong(field):
     live = sigmax.Live("EKF", model(MIXED), PRIOR)
-    message = json.loads(sigmax.contribution(live, record()["west"][0], "west", time=np.float32(2)).to_json())
-    assert sigmax.Contribution.from_json(json.dumps(message)).time == 2.0
+    message = json.loads(sigmax.running.contribution(live, record()["west"][0], "west", time=np.float32(2)).to_json())
+    assert sigmax.running.Contribution.from_json(json.dumps(message)).time == 2.0
     with pytest.raises(sigmax.InputError, match=f"{field} of a contribution"):
-        sigmax.Contribution.from_json(json.dumps(message | {field: FIELDS[field]}))
+        sigmax.running.Contribution.from_json(json.dumps(message | {field: FIELDS[field]}))
 
 
 def test_a_measurement_known_very_unevenly_is_a_message_and_one_without_noise_is_none():
     live = sigmax.Live("EKF", model(MIXED), PRIOR)
-    one = sigmax.contribution(live, record()["west"][0], "west", R=[1e-12, 1e12])
-    again = sigmax.Contribution.from_json(one.to_json())
+    one = sigmax.running.contribution(live, record()["west"][0], "west", R=[1e-12, 1e12])
+    again = sigmax.running.Contribution.from_json(one.to_json())
     assert np.array_equal(again.matrix, one.matrix)
-    nothing = sigmax.contribution(live, [np.nan, np.nan], "west")
-    assert sigmax.Contribution.from_json(nothing.to_json()).seen == 0
+    nothing = sigmax.running.contribution(live, [np.nan, np.nan], "west")
+    assert sigmax.running.Contribution.from_json(nothing.to_json()).seen == 0
     with pytest.raises(sigmax.InputError, match="must have an inverse"):
-        sigmax.Contribution.from_json(one._replace(matrix=np.ones((2, 2))).to_json())
+        sigmax.running.Contribution.from_json(one._replace(matrix=np.ones((2, 2))).to_json())
 
 
 @pytest.mark.parametrize(
@@ -349,7 +349,7 @@ def test_a_measurement_known_very_unevenly_is_a_message_and_one_without_noise_is
 )
 def test_what_is_no_message_is_refused(text):
     with pytest.raises(sigmax.InputError, match="format 'sigmax contribution 1'"):
-        sigmax.Contribution.from_json(text)
+        sigmax.running.Contribution.from_json(text)
 
 
 def test_a_contribution_is_refused_before_it_is_sent():
@@ -364,4 +364,4 @@ def test_a_contribution_is_refused_before_it_is_sent():
         "time must be": {"z": z, "time": "noon"},
     }.items():
         with pytest.raises(sigmax.InputError, match=says):
-            sigmax.contribution(live, sensor="west", **given)
+            sigmax.running.contribution(live, sensor="west", **given)

@@ -87,31 +87,33 @@ def test_one_bad_track_spoils_no_other():
     assert not got.ok[1].all()
     assert np.array_equal(got.mean[1, first], got.mean[1, first - 1])
     assert any(line.startswith(f"track 1, step {first}: the motion gave") for line in got.faults())
-    assert got.fault[2].tolist() == [0, 0, 0, int(sigmax.Fault.SENSOR_NOT_FINITE), 0, 0]
+    assert got.fault[2].tolist() == [0, 0, 0, int(sigmax.running.Fault.SENSOR_NOT_FINITE), 0, 0]
 
 
 def test_an_indefinite_correction_is_a_defined_event():
     """A centre weight so negative that R + Ω has no real factor: flagged, and done without it."""
     model = sigmax.Model(motion=lambda x, dt: x, sensor=lambda x: x**2, Q=[0.0], R=[1e-6], state=["x"])
     filter = sigmax.Filter(
-        sigmax.Taylor1(), sigmax.SigmaPoints(sigmax.rules.scaled, alpha=1.0, beta=-4.0, kappa=1.0), sigmax.forms.block
+        sigmax.rules.Taylor1(),
+        sigmax.rules.SigmaPoints(sigmax.rules.scaled, alpha=1.0, beta=-4.0, kappa=1.0),
+        sigmax.forms.block,
     )
     given = model, sigmax.Gaussian([0.0], [1.0]), np.ones((2, 1))
     got = sigmax.run(filter, *given)
-    assert got.fault.tolist() == [int(sigmax.Fault.CORRECTION_WIDENED)] * 2
+    assert got.fault.tolist() == [int(sigmax.running.Fault.CORRECTION_WIDENED)] * 2
     assert not got.ok.any()
     assert "without them" in got.faults()[0]
     # Without the weight of the centre in covariances the rule is this one.
     points = np.sqrt(2.0) * np.array([[1.0], [-1.0], [0.0]])
-    positive = sigmax.sigma_set(points, [0.25, 0.25, 0.5], centre_covariance=0.0)
-    without = sigmax.SigmaPoints(lambda n: positive)
-    same = sigmax.run(sigmax.Filter(sigmax.Taylor1(), without, sigmax.forms.block), *given)
+    positive = sigmax.rules.sigma_set(points, [0.25, 0.25, 0.5], centre_covariance=0.0)
+    without = sigmax.rules.SigmaPoints(lambda n: positive)
+    same = sigmax.run(sigmax.Filter(sigmax.rules.Taylor1(), without, sigmax.forms.block), *given)
     assert same.ok.all()
     assert np.allclose(got.mean, same.mean, rtol=1e-12, atol=0)
     assert np.allclose(got.nis, same.nis, rtol=1e-12, atol=0)
     for backend in ("native", "xla"):
         for form in (sigmax.forms.covariance, sigmax.forms.information):
-            other = sigmax.run(sigmax.Filter(sigmax.Taylor1(), filter.correct, form), *given, backend=backend)
+            other = sigmax.run(sigmax.Filter(sigmax.rules.Taylor1(), filter.correct, form), *given, backend=backend)
             assert np.array_equal(other.fault, got.fault)
             assert np.allclose(other.cov, got.cov, rtol=1e-9)
 

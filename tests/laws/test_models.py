@@ -171,7 +171,7 @@ def test_joined_motions():
 
 def test_a_jacobian_of_ones_own_is_used():
     """A deliberately wrong Jacobian must show, in the filter and in second derivatives."""
-    sensor = sigmax.with_derivatives(lambda x: x[:1] ** 2, lambda x: jnp.array([[5.0 * x[0]]]))
+    sensor = sigmax.models.with_derivatives(lambda x: x[:1] ** 2, lambda x: jnp.array([[5.0 * x[0]]]))
     assert jax.jacfwd(sensor)(jnp.array([2.0])).tolist() == [[10.0]]
     assert jax.jacfwd(jax.jacfwd(sensor))(jnp.array([2.0])).tolist() == [[[5.0]]]
     model = sigmax.Model(motion=lambda x, dt: x, sensor=sensor, Q=[0.0], R=[1.0], state=["x"])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import sigmax
-from sigmax import InputError, SigmaPoints, Taylor2, rules
+from sigmax import InputError, rules
+from sigmax.rules import SigmaPoints, Taylor2
 
 rng = np.random.default_rng(7)
 N, M = 3, 2

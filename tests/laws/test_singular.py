@@ -244,9 +244,9 @@ def test_a_fault_says_what_caused_it_and_what_helps():
     assert "R is 0 where nothing uncertain is measured: give it" in got.faults()[0]
     growing = Problem(F=np.diag([1.0, 1, 1e80]), steps=6)
     got, _ = growing.run("SREKF")
-    assert int(sigmax.Fault.PREDICTION_INDEFINITE) in got.fault
+    assert int(sigmax.running.Fault.PREDICTION_INDEFINITE) in got.fault
     assert "a direction that no sensor observes" in got.faults()[-1]
-    for fault in sigmax.Fault:
+    for fault in sigmax.running.Fault:
         if fault.name.endswith(("INDEFINITE", "WIDENED")):
             assert "; " in fault.message, fault
 
@@ -262,8 +262,8 @@ def test_contributions_to_the_state_with_a_component_known_exactly():
         whole.predict(1.0)
         whole.update([z], "s")
         parts.predict(1.0)
-        sigmax.absorb(parts, [sigmax.contribution(parts, [z], "s", space="state")])
+        sigmax.running.absorb(parts, [sigmax.running.contribution(parts, [z], "s", space="state")])
         assert np.allclose(parts.mean, whole.mean, rtol=1e-12)
         assert np.allclose(parts.cov, whole.cov, rtol=1e-12, atol=1e-13)
     with pytest.raises(sigmax.InputError, match="R of 's' has no inverse"):
-        sigmax.contribution(parts, [1.0], "s", space="state", R=[0.0])
+        sigmax.running.contribution(parts, [1.0], "s", space="state", R=[0.0])

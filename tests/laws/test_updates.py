@@ -334,7 +334,7 @@ def test_an_update_reads_what_it_says(text):
         (lambda: sigmax.robust(WEIGHTS["student"]), "hashable"),
         (lambda: Update(weight=[]), "hashable"),
         (
-            lambda: sigmax.Filter(sigmax.Taylor1(), sigmax.Taylor1(), sigmax.forms.block, update="student"),
+            lambda: sigmax.Filter(sigmax.rules.Taylor1(), sigmax.rules.Taylor1(), sigmax.forms.block, update="student"),
             "sigmax.once",
         ),
     ],

@@ -115,7 +115,7 @@ def test_a_failing_step_is_told_and_leaves_the_state(radar):
     before = tracker.mean
     told = tracker.step([np.inf, 0.0, 0.0], 0.0)
     assert not tracker.ok
-    assert tracker.fault == sigmax.Fault.SENSOR_NOT_FINITE
+    assert tracker.fault == sigmax.running.Fault.SENSOR_NOT_FINITE
     assert np.isnan(told.nis)
     tracker.restore(live(radar)[0].save())
     assert np.array_equal(tracker.mean, before)

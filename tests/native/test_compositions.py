@@ -115,7 +115,7 @@ def misread(seed: int) -> str:
                     return f"component {i} is said not to read x[{j}]\n{composition(seed)}"
                 # Where it enters as a straight line, a step has the same effect wherever it is made.
                 steps = np.concatenate([first[:, i], second[:, i]])
-                if not masks.bent >> j & 1 and np.ptp(steps) > allowed[i]:
+                if not masks.nonlinear >> j & 1 and np.ptp(steps) > allowed[i]:
                     return f"component {i} is said to be straight in x[{j}]\n{composition(seed)}"
     return ""
 

@@ -10,9 +10,9 @@ import pytest
 import sigmax
 from sigmax.dependence import reading
 from sigmax.native import Defect, Graph, Refused, evaluate, interpret, refusal
-from sigmax.running.edge import cast
 from sigmax.running.lowered import lowered
-from sigmax.running.mapped import mapped
+from sigmax.running.prepare import cast
+from sigmax.running.vectorized import vectorized
 
 PRIOR = sigmax.Gaussian([0.3, 1.0], np.eye(2))
 Z = np.array([[0.2, 0.9], [0.1, 0.8], [0.3, 0.7]])
@@ -55,7 +55,7 @@ def test_a_defect_of_the_lowering_is_one_line_and_xla(broken, caplog, tmp_path):
         live = sigmax.Live("EKF", made, PRIOR)
         for z in Z:
             live.step(z, 1.0)
-        (rows,) = mapped(unforeseen, Z)
+        (rows,) = vectorized(unforeseen, Z)
     says_so(caplog)
     assert np.array_equal(result.mean, wanted.mean)
     np.testing.assert_allclose(live.mean, wanted.mean[-1], rtol=1e-12)
@@ -70,7 +70,7 @@ def test_what_cannot_be_analysed_is_taken_to_read_everything(broken, caplog):
     with caplog.at_level(logging.WARNING, logger="sigmax"):
         read = reading(unforeseen, 2)
     says_so(caplog)
-    assert read.bent == 0b11
+    assert read.nonlinear == 0b11
     assert read.sampled_rows([False, False]) == (0, 1)
 
 

@@ -242,8 +242,8 @@ def test_every_filter_and_built_in_model_has_one():
 
 
 def test_models_that_differ_only_deep_down_have_two():
-    flat = sigmax.Elevation(np.full((4, 4), 300.0), (5e3, 5e3))
-    steep = sigmax.Elevation(np.arange(16.0).reshape(4, 4), (5e3, 5e3))
+    flat = sigmax.models.Elevation(np.full((4, 4), 300.0), (5e3, 5e3))
+    steep = sigmax.models.Elevation(np.arange(16.0).reshape(4, 4), (5e3, 5e3))
     made = builtin("terrain").model
     found = set()
     for ground in (flat, steep):

@@ -97,7 +97,7 @@ def test_what_has_no_data_and_what_lies_beyond_the_map_is_nan_and_a_fault_at_mos
     found = sigmax.run("CKF", made.model, made.prior, made.z, dt=made.dt, inputs=made.inputs)
     assert np.isfinite(found.mean).all()
     assert np.isfinite(found.cov).all()
-    assert set(np.unique(found.fault)) <= {0, sigmax.Fault.SENSOR_NOT_FINITE}
+    assert set(np.unique(found.fault)) <= {0, sigmax.running.Fault.SENSOR_NOT_FINITE}
     assert (found.fault[0] == 0)[missing].all()
 
 
@@ -139,7 +139,7 @@ def test_without_rasterio_the_extra_is_named(tmp_path, monkeypatch):
 
 
 def test_of_a_large_map_the_middle_is_flown_over(tmp_path):
-    ground = sigmax.Elevation(np.add.outer(np.arange(301.0), np.zeros(101)), (250.0, 250.0), (1000.0, -500.0))
+    ground = sigmax.models.Elevation(np.add.outer(np.arange(301.0), np.zeros(101)), (250.0, 250.0), (1000.0, -500.0))
     part = middle(ground)
     (x0, x1), (z0, z1) = part.extent
     assert (x0, x1) == (1000.0, 1000.0 + 100 * 250.0)

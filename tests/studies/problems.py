@@ -34,10 +34,14 @@ BENT = sigmax.Model(motion=kept, sensor=bent, Q=[0.05], R=[0.1])
 def linear(**changes):
     prior = sigmax.Gaussian([0.5, 0.1], P0)
     names = {name: sigmax.get(name) for name in ("EKF", "SRCKFB")}
-    return sigmax.Study(**{"name": "linear", "model": LINEAR, "prior": prior, "steps": 12, "filters": names, **changes})
+    return sigmax.studies.Study(
+        **{"name": "linear", "model": LINEAR, "prior": prior, "steps": 12, "filters": names, **changes}
+    )
 
 
 def scalar(**changes):
     prior = sigmax.Gaussian([1.0], [[0.5]])
     names = {name: sigmax.get(name) for name in ("EKF", "PF")}
-    return sigmax.Study(**{"name": "bent", "model": BENT, "prior": prior, "steps": 6, "filters": names, **changes})
+    return sigmax.studies.Study(
+        **{"name": "bent", "model": BENT, "prior": prior, "steps": 6, "filters": names, **changes}
+    )

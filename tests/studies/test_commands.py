@@ -33,7 +33,8 @@ def model():
 
 def study(runs=64):
     made, prior = model()
-    return sigmax.Study(name="own", model=made, prior=prior, steps=5, filters={"EKF": sigmax.get("EKF")}, runs=runs)
+    filters = {"EKF": sigmax.get("EKF")}
+    return sigmax.studies.Study(name="own", model=made, prior=prior, steps=5, filters=filters, runs=runs)
 """
 
 

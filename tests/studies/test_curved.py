@@ -21,7 +21,7 @@ def attitude(**options):
         R=np.full(6, 0.01),
     )
     prior = sigmax.Gaussian([1.0, 0, 0, 0], np.full(3, 0.25))
-    return sigmax.Study(
+    return sigmax.studies.Study(
         name="attitude", model=model, prior=prior, steps=4, inputs=np.tile([0.1, 0.0, 0.05], (4, 1)), **options
     )
 

@@ -277,7 +277,7 @@ def test_truth_and_measurements_are_drawn_as_the_study_says():
     np.testing.assert_allclose(np.cov(drawn.start.T), P0, atol=0.35)
     seen = (drawn.z[""] - drawn.truth[..., :1])[~np.isnan(drawn.z[""])]
     assert abs(seen.var() - R) < 0.03
-    fixed = linear(start=[1.0, 2.0], nature=sigmax.undisturbed(study.model), estimate="drawn", steps=3)
+    fixed = linear(start=[1.0, 2.0], nature=sigmax.studies.undisturbed(study.model), estimate="drawn", steps=3)
     drawn = draw(fixed, 1, 0)
     np.testing.assert_allclose(drawn.truth, np.broadcast_to([[3.0, 2.0], [5.0, 2.0], [7.0, 2.0]], drawn.truth.shape))
     np.testing.assert_allclose(np.cov((drawn.mean - [1.0, 2.0]).T), P0, atol=0.35)
@@ -302,7 +302,9 @@ def test_runs_of_which_the_truth_escapes_are_counted_and_left_out():
         return x + 0.5 * x**2
 
     model = sigmax.Model(motion=blows, sensor=lambda x: x, Q=[0.01], R=[0.1])
-    study = sigmax.Study(name="blows", model=model, prior=sigmax.Gaussian([-0.5], [[0.3]]), steps=15, reach=[100.0])
+    study = sigmax.studies.Study(
+        name="blows", model=model, prior=sigmax.Gaussian([-0.5], [[0.3]]), steps=15, reach=[100.0]
+    )
     c = sigmax.compare(study, ["EKF", "PF"], runs=256, particles=20)
     assert 0 < c.escaped < 200
     assert c.measures["EKF"].runs == 256 - c.escaped

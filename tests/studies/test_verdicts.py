@@ -206,7 +206,7 @@ def test_consistency_is_not_judged_where_it_cannot_be_asked():
     asked = {
         "": (linear(), linear(start=[1.0, 0.0], estimate="drawn"), linear(nature=linear().model)),
         "same truth": (linear(start=[1.0, 0.0]),),
-        "without the noise": (linear(nature=sigmax.undisturbed(linear().model)),),
+        "without the noise": (linear(nature=sigmax.studies.undisturbed(linear().model)),),
     }
     for words_of_it, studies in asked.items():
         for study in studies:
@@ -233,7 +233,7 @@ def test_a_filter_that_claims_too_much_from_the_first_step_on_is_not_sound():
         return jnp.hypot(x[0], x[1])[None]
 
     model = sigmax.Model(motion=motion, sensor=beacon, Q=[1e-4, 1e-4], R=[0.01])
-    study = sigmax.Study(name="ranges", model=model, prior=sigmax.Gaussian([3.0, 0.0], [25.0, 25.0]), steps=30)
+    study = sigmax.studies.Study(name="ranges", model=model, prior=sigmax.Gaussian([3.0, 0.0], [25.0, 25.0]), steps=30)
     c = compare(study, ["EKF"], runs=256)
     assert np.median(c.measures["EKF"].nees.value) > 10
     assert standings(c)[0].word in (Word.OPTIMISTIC, Word.LOSSY)

@@ -11,7 +11,7 @@ class Plan(NamedTuple):
     """What a sigma rule does with a function.
 
     Attributes:
-        rows: of the result, those that are sampled; the others are straight, so that their moments are exact.
+        rows: of the result, those that are sampled; the others are linear, so that their moments are exact.
         order: the components whose points are drawn, in this order: those that have to vary, and more where the
             set asks for it. Behind them those that vary with the same coordinates, of a factor with fewer columns.
         turned: whether that is another order than the state's, for which the factor's rows are made triangular.
@@ -42,7 +42,7 @@ def planned(read: Reading, angular: Sequence[bool], counts: Sequence[int], sizes
     In the order of the state, or with `permute` in the best one where that saves more than the turning of the
     factor costs. `sizes` are the numbers of coordinates by which the set can be projected.
     """
-    varying = components(read.bent)
+    varying = components(read.nonlinear)
     rows = read.sampled_rows(angular)
     parts = read.parts(rows)
     everything, columns = tuple(range(read.size)), len(counts) - 1

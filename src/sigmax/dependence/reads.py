@@ -1,4 +1,4 @@
-"""Which components of its argument each intermediate result of a function reads, whether straight, and its cost."""
+"""Which components of its argument each intermediate result of a function reads, whether linearly, and its cost."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +20,7 @@ from sigmax.native.refusal import say_once
 # Scalar operations in units of a multiplication.
 _COSTS = {"/": 5.0, "sqrt": 6.0, "table": 5.0, "atan2": 40.0, "pow": 40.0, "fmod": 30.0}
 _FUNCTION = 20.0
-# What cannot be seen into is taken to be dear.
+# What cannot be seen into is taken to be costly.
 OPAQUE = 1000.0
 
 
@@ -42,7 +42,7 @@ class Masks(NamedTuple):
     """The components that a value reads, and those of them that do not enter it as a straight line: bit by bit."""
 
     reads: int
-    bent: int
+    nonlinear: int
 
 
 class Reading(NamedTuple):
@@ -55,7 +55,7 @@ class Reading(NamedTuple):
         masks: of each scalar operation, by its index.
         places: masks of each place of the line: all its elements together.
         carries: by place, the components that enter some element as a straight line; all bits where an
-            element is straight altogether.
+            element is linear altogether.
         opaque: cost of what cannot be seen into, by the index of its first element.
     """
 
@@ -68,29 +68,29 @@ class Reading(NamedTuple):
     opaque: Mapping[int, float]
 
     @property
-    def bent(self) -> int:
+    def nonlinear(self) -> int:
         """The components that do not enter every result as a straight line, bit by bit."""
         found = 0
         for node in self.results:
-            found |= self.masks[node.index].bent
+            found |= self.masks[node.index].nonlinear
         return found
 
     def sampled_rows(self, angular: Sequence[bool]) -> tuple[int, ...]:
-        """The results that are not straight in all they read, and the angles that read what bends others.
+        """The results that are not linear in all they read, and the angles that read what is nonlinear in others.
 
-        A sigma set sees the deviations of an angle within a turn, so that one that is spread over turns is straight
+        A sigma set sees the deviations of an angle within a turn, so that one that is spread over turns is linear
         no more: where it varies anyway, it is sampled.
         """
-        varying, found = self.bent, []
+        varying, found = self.nonlinear, []
         for i, (node, turning) in enumerate(zip(self.results, angular, strict=True)):
             masks = self.masks[node.index]
-            if masks.bent or (turning and masks.reads & varying):
+            if masks.nonlinear or (turning and masks.reads & varying):
                 found.append(i)
         return tuple(found)
 
     def parts(self, rows: Sequence[int]) -> tuple[Part, ...]:
-        """What has to be sampled: the operations behind these results, by the bent components they read."""
-        varying = self.bent
+        """What has to be sampled: the operations behind these results, by the nonlinear components they read."""
+        varying = self.nonlinear
         found: dict[int, tuple[float, Counter[str]]] = {}
         for node in needed([self.results[i] for i in rows]):
             key = self.masks[node.index].reads & varying
@@ -120,11 +120,11 @@ def _is_function(operation: str) -> bool:
 
 
 def _in_words(names: Counter[str]) -> str:
-    """The dear operations by number, the rest together."""
+    """The costly operations by number, the rest together."""
     named = {"table": "look-up", "/": "division", "sqrt": "root"}
-    dear = {k: v for k, v in names.items() if k in _COSTS or k == "opaque" or _is_function(k)}
-    said = [f"{v} {named.get(k, k)}" for k, v in sorted(dear.items(), key=lambda item: (-item[1], item[0]))]
-    cheap = sum(names.values()) - sum(dear.values())
+    costly = {k: v for k, v in names.items() if k in _COSTS or k == "opaque" or _is_function(k)}
+    said = [f"{v} {named.get(k, k)}" for k, v in sorted(costly.items(), key=lambda item: (-item[1], item[0]))]
+    cheap = sum(names.values()) - sum(costly.values())
     return ", ".join([*said, *([f"{cheap} arithmetic"] if cheap else [])])
 
 
@@ -180,16 +180,16 @@ def _elements(array: Array, masks: Sequence[Masks]) -> list[Masks]:
 
 
 def _together(found: Sequence[Masks]) -> Masks:
-    reads = bent = 0
+    reads = nonlinear = 0
     for one in found:
-        reads, bent = reads | one.reads, bent | one.bent
-    return Masks(reads, bent)
+        reads, nonlinear = reads | one.reads, nonlinear | one.nonlinear
+    return Masks(reads, nonlinear)
 
 
 def _carried(found: Sequence[Masks]) -> int:
     carried = 0
     for one in found:
-        carried |= -1 if one.reads and not one.bent else one.reads & ~one.bent
+        carried |= -1 if one.reads and not one.nonlinear else one.reads & ~one.nonlinear
     return carried
 
 
@@ -201,7 +201,7 @@ def _hidden(
     hidden: dict[int, Masks],
     opaque: dict[int, float],
 ) -> list[Array]:
-    """What cannot be seen into reads everything it is given, bent."""
+    """What cannot be seen into reads everything it is given, nonlinear."""
     reads = 0
     for array in arrays:
         reads |= _together(_elements(array, masks)).reads
@@ -227,10 +227,10 @@ def _masks(node: Node, masks: Sequence[Masks], hidden: Mapping[int, Masks]) -> M
         return Masks(1 << place, 0) if group == "x" else hidden.get(node.index, Masks(0, 0))
     read = [masks[a.index] for a in node.inputs]
     together = _together(read)
-    straight = (
+    linear = (
         node.operation in ("+", "-", "negative")
         or (node.operation == "*" and not (read[0].reads and read[1].reads))
         or (node.operation == "/" and not read[1].reads)
         or (node.operation == "select" and not read[0].reads)
     )
-    return together if straight else Masks(together.reads, together.reads)
+    return together if linear else Masks(together.reads, together.reads)

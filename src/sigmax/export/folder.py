@@ -22,9 +22,9 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.native import Refused
 from sigmax.running.backend import natively
-from sigmax.running.edge import as_filter, cast, prepare, run_type
 from sigmax.running.fusing import how
 from sigmax.running.lowered import with_numbers
+from sigmax.running.prepare import as_filter, cast, prepare, run_type
 from sigmax.signals import undone_by_signal
 
 
@@ -59,7 +59,7 @@ def export_c(
 
     Args:
         filter: a name of the catalogue, or a filter.
-        model: the model; its noises become constants of the source. Of a fused one (`sigmax.fused`) all sensors
+        model: the model; its noises become constants of the source. Of a fused one (`sigmax.models.fused`) all sensors
             are corrected by one function, in the order of the model, NAN where one is silent.
         prior: where the test program starts, (n,).
         folder: where to write; made if it is not there.
@@ -78,7 +78,9 @@ def export_c(
     if prior.mean.ndim != 1:
         raise InputError("an exported filter starts from one prior, not from a batch")
     if model.fusion is not None and any(b.given and callable(model.R[s]) for b in model.fusion for s in b.members):
-        raise InputError("a sensor whose R is a function cannot wait for messages in C; export sigmax.fused(model)")
+        raise InputError(
+            "a sensor whose R is a function cannot wait for messages in C; export sigmax.models.fused(model)"
+        )
     given = None if inputs is None else np.asarray(inputs, float)
     u = given if given is None or given.ndim == 1 else given[0]
     sizes = _sizes(model, u)

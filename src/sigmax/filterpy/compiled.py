@@ -15,7 +15,7 @@ from sigmax.native import Refused, Unavailable
 from sigmax.native.calls import extension
 from sigmax.rules.linearization import Linearization
 from sigmax.running.backend import natively
-from sigmax.running.mapped import bound
+from sigmax.running.vectorized import bound
 
 # Multiplications, about: beyond it compiling takes longer than a second, and LAPACK is quick enough.
 _LARGEST = 2000

@@ -35,9 +35,9 @@ class Filter:
     def __post_init__(self) -> None:
         for what, rule in (("predict", self.predict), ("correct", self.correct)):
             if isinstance(rule, type) or not callable(rule) or not isinstance(rule, Hashable):
-                raise InputError(f"{what} must be a rule such as sigmax.Taylor1(), hashable; it is {_said(rule)}")
+                raise InputError(f"{what} must be a rule such as sigmax.rules.Taylor1(), hashable; it is {_said(rule)}")
         if not isinstance(self.form, Form):
-            raise InputError(f"form must be a sigmax.Form such as sigmax.forms.block; it is {_said(self.form)}")
+            raise InputError(f"form must be a sigmax.forms.Form such as sigmax.forms.block; it is {_said(self.form)}")
         if self.update is not None and not isinstance(self.update, Update):
             raise InputError(
                 f"update must be one such as sigmax.once, sigmax.iterated(3) or sigmax.robust('student'); "

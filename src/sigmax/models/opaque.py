@@ -91,7 +91,7 @@ def opaque(
     def _(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> Any:
         raise InputError(
             f"{name} is opaque and has no derivatives: take a filter of sigma points (UKF, CKF, SRCKFB, …), or give "
-            "them by sigmax.with_derivatives(function, jacobian)"
+            "them by sigmax.models.with_derivatives(function, jacobian)"
         )
 
     @functools.wraps(function)

@@ -9,7 +9,7 @@ from sigmax.errors import InputError
 from sigmax.native.refusal import user_line
 from sigmax.records.record import Record, Trial
 from sigmax.rules import SigmaPoints
-from sigmax.running.edge import prepare
+from sigmax.running.prepare import prepare
 from sigmax.running.result import Result
 from sigmax.running.run import run
 

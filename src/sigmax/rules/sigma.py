@@ -1,4 +1,4 @@
-"""Sigma-point rules: statistical linear regression over any sigma set, of what is not straight alone."""
+"""Sigma-point rules: statistical linear regression over any sigma set, of what is not linear alone."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -22,14 +22,14 @@ class SigmaPoints:
     """A rule made from a family of sigma sets, a function `family(n, **parameters)`.
 
     Of a model's function it samples only what is not a straight line of the state, each part at its
-    distinct points; what is straight has its exact moments. Two rules of the same family and parameters
+    distinct points; what is linear has its exact moments. Two rules of the same family and parameters
     are equal, so a compiled filter is found again.
 
     Args:
         family: makes the set.
         permute: draw the points in the order of the state in which a function is evaluated least, where
             that pays. The points then come from another root of the same covariance: equally good, but
-            not the same numbers for a function that is not straight (Belov et al.).
+            not the same numbers for a function that is not linear (Belov et al.).
         parameters: of the family.
     """
 
@@ -65,7 +65,7 @@ class SigmaPoints:
 
         Over so many columns of their factor, n if nothing is said.
 
-        Of a function of a model, the most often evaluated part of what is sampled; one that is straight altogether
+        Of a function of a model, the most often evaluated part of what is sampled; one that is linear altogether
         is evaluated at the mean and along each column of the factor.
         """
         columns = n if columns is None else columns
@@ -89,19 +89,19 @@ class SigmaPoints:
         read = reading(g.function, x.shape[0], g.single, x.dtype)
         plan = self.plan(read, angular, S.shape[1])
         made: dict[int, Linearization] = {}
-        straight = tuple(i for i in range(len(read.results)) if i not in plan.rows)
-        if straight:
-            made |= _rows(straight, _straight(read, straight, g, x, S, [angular[i] for i in straight]))
+        linear = tuple(i for i in range(len(read.results)) if i not in plan.rows)
+        if linear:
+            made |= _rows(linear, _linear(read, linear, g, x, S, [angular[i] for i in linear]))
         if plan.rows:
             turning = [angular[i] for i in plan.rows]
             made |= _rows(plan.rows, _sampled(unit, plan, read, g, x, S, turning))
         return _joined([made[i] for i in range(len(read.results))])
 
 
-def _straight(
+def _linear(
     read: Reading, rows: Sequence[int], g: Lifted, x: jax.Array, S: jax.Array, angular: Sequence[bool]
 ) -> Linearization:
-    """Results that are straight: their value at the mean, their slope along the factor, nothing missed."""
+    """Results that are linear: their value at the mean, their slope along the factor, nothing missed."""
     y, slope = slope_of(g.instead(_chosen(read, rows, lambda carried: carried < 0)), x, S)
     return Linearization(wrap(y, angular), slope, slope[:, :0], slope[:, :0])
 
@@ -109,10 +109,10 @@ def _straight(
 def _sampled(
     unit: SigmaSet, plan: Plan, read: Reading, g: Lifted, x: jax.Array, S: jax.Array, angular: Sequence[bool]
 ) -> Linearization:
-    """Results that are bent: sampled over the components that bend them, the others held at their mean.
+    """Results that are nonlinear: sampled over the components that make them so, the others held at their mean.
 
     The components that vary are N(x_a, T Tᵀ), and a projected sigma set is one for them; S_a = T Θ with
-    orthonormal rows Θ brings the slope back to the columns of S. What enters straight adds its slope.
+    orthonormal rows Θ brings the slope back to the columns of S. What enters linearly adds its slope.
     """
     levels, whole = plan.places(read), len(plan.rows) == len(read.results)
 
@@ -140,7 +140,7 @@ def _sampled(
         slope = jnp.concatenate([line.slope, beyond], axis=1)
     held = 0
     for i in plan.rows:
-        held |= read.masks[read.results[i].index].reads & ~read.bent
+        held |= read.masks[read.results[i].index].reads & ~read.nonlinear
     if held:
         along = jnp.stack([S[c] if c in components(held) else jnp.zeros_like(S[c]) for c in range(read.size)])
         slope = slope + slope_of(g.instead(_chosen(read, plan.rows, lambda carried: carried & held)), x, along)[1]
@@ -148,7 +148,7 @@ def _sampled(
 
 
 def _chosen(read: Reading, rows: Sequence[int], matters: Callable[[int], Any]) -> Any:
-    """Some results of a function; derivatives pass where what a value carries straight matters to them."""
+    """Some results of a function; derivatives pass where what a value carries linearly matters to them."""
     places = np.array(rows)
     stopped = frozenset(
         number

@@ -12,7 +12,7 @@ from sigmax.models.model import Model
 from sigmax.running.step import Belief, Innovation, correct, later, predict
 
 
-class Given(NamedTuple):
+class Instant(NamedTuple):
     """What one step is given.
 
     Attributes:
@@ -36,7 +36,7 @@ class Advanced(NamedTuple):
     fault: Any
 
 
-def advance(filter: Filter, model: Model, root: Matrix | None, belief: Belief, given: Given, moving: Any) -> Advanced:
+def advance(filter: Filter, model: Model, root: Matrix | None, belief: Belief, given: Instant, moving: Any) -> Advanced:
     """The belief a step later. What is measured where the motion failed is not heard.
 
     Args:
@@ -68,7 +68,7 @@ def advance(filter: Filter, model: Model, root: Matrix | None, belief: Belief, g
 
 
 def _corrected(
-    filter: Filter, model: Model, sensor: str, belief: Belief, z: Any, given: Given, skip: bool
+    filter: Filter, model: Model, sensor: str, belief: Belief, z: Any, given: Instant, skip: bool
 ) -> tuple[Belief, Innovation, jax.Array]:
     """A correction; where there are several sensors, one that nobody heard from in this step costs nothing."""
 

@@ -99,7 +99,7 @@ def absorb(live: Live, contributions: Iterable[Contribution], *, u: Any = None) 
     """Correct with what stations contributed, one's own among it: the answer is that of the central filter.
 
     Args:
-        live: on `sigmax.fused(model, messages=True)` for contributions of measurements, on the model for those
+        live: on `sigmax.models.fused(model, messages=True)` for contributions of measurements, on the model for those
             of the state; of one track.
         contributions: all of one instant, of one space.
         u: inputs (k,) where sensors take them.
@@ -127,7 +127,7 @@ def absorb(live: Live, contributions: Iterable[Contribution], *, u: Any = None) 
                 f"{c.sensor!r} measures {here} here, the contribution is of {list(map(str, c.components))}"
             )
     if model.fusion is None or not all(block.given for block in model.fusion):
-        raise InputError("contributions of measurements need a filter on sigmax.fused(model, messages=True)")
+        raise InputError("contributions of measurements need a filter on sigmax.models.fused(model, messages=True)")
     check_inputs(model, u)
     return live.update_together(_reflect(model, given, u))
 
@@ -135,11 +135,11 @@ def absorb(live: Live, contributions: Iterable[Contribution], *, u: Any = None) 
 def _each_once(contributions: Iterable[Contribution]) -> list[Contribution]:
     given = members(contributions)
     if given is None:
-        raise InputError(f"give a list of sigmax.Contribution; it is {type(contributions).__name__}")
+        raise InputError(f"give a list of sigmax.running.Contribution; it is {type(contributions).__name__}")
     for c in given:
         if not isinstance(c, Contribution):
             raise InputError(
-                f"give a list of sigmax.Contribution, as from_json makes them; it holds {type(c).__name__}"
+                f"give a list of sigmax.running.Contribution, as from_json makes them; it holds {type(c).__name__}"
             )
     told = [(c.space, c.sensor, c.time, *(a.tobytes() for a in (c.about, c.vector, c.matrix))) for c in given if c.seen]
     twice = [key[1] for k, key in enumerate(told) if key in told[:k]]

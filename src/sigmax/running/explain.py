@@ -13,8 +13,8 @@ from sigmax.models.augment import with_bias
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, check_flat
 from sigmax.rules import SigmaPoints
-from sigmax.running.edge import as_filter
 from sigmax.running.linearizing import seconds_of
+from sigmax.running.prepare import as_filter
 
 
 class PartFound(NamedTuple):

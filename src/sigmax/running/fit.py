@@ -18,7 +18,7 @@ from sigmax.models.model import Model
 from sigmax.native.fingerprint import fingerprint
 from sigmax.native.refusal import user_line
 from sigmax.running.current import current
-from sigmax.running.edge import as_filter, prepare
+from sigmax.running.prepare import as_filter, prepare
 from sigmax.running.run import run
 
 Parameters = dict[str, Any]

@@ -211,7 +211,7 @@ def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> _Evaluated:
         where = user_line(error)
         raise InputError(
             f"{what} needs its numbers to be known while it is compiled{f' ({where})' if where else ''}: write it with "
-            "jax.numpy, jnp.where in the place of if, without float(); or hand it over as sigmax.opaque(…)"
+            "jax.numpy, jnp.where in the place of if, without float(); or hand it over as sigmax.models.opaque(…)"
         ) from error
     except Exception as error:
         if isinstance(error, TypeError) and "item assignment" in str(error):

@@ -10,8 +10,8 @@ from sigmax.models.fusion import inputs_behind
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.noise import noise_once
-from sigmax.running.edge import cast
 from sigmax.running.functions import check_functions, counted
+from sigmax.running.prepare import cast
 
 
 class Given:

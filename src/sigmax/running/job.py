@@ -13,14 +13,14 @@ from sigmax.running.packing import Packing
 from sigmax.running.step import Innovation
 
 
-class Part(NamedTuple):
+class Bound(NamedTuple):
     """A compiled part of a filter with a model's numbers in it."""
 
     step: Step
     constants: np.ndarray
 
 
-Parts = Mapping[tuple[Any, ...], Part]
+Parts = Mapping[tuple[Any, ...], Bound]
 
 
 class Outputs(NamedTuple):
@@ -47,7 +47,7 @@ class Outputs(NamedTuple):
     innovation: Mapping[str, Innovation] = {}
 
 
-def bind(low: Lowered, model: Model, *parts: tuple[Any, ...]) -> dict[tuple[Any, ...], Part]:
+def bind(low: Lowered, model: Model, *parts: tuple[Any, ...]) -> dict[tuple[Any, ...], Bound]:
     """Compiled parts, see `Lowered.need`, with the numbers of a model.
 
     Raises:
@@ -55,12 +55,12 @@ def bind(low: Lowered, model: Model, *parts: tuple[Any, ...]) -> dict[tuple[Any,
         Unavailable: without a compiler, or where it fails.
     """
     numbers = low.parameters(model)
-    return {part: Part(step, step.setup(numbers)) for part, step in zip(parts, low.need(*parts), strict=True)}
+    return {part: Bound(step, step.setup(numbers)) for part, step in zip(parts, low.need(*parts), strict=True)}
 
 
-def without_numbers(step: Step) -> Part:
+def without_numbers(step: Step) -> Bound:
     """A compiled function that reads no numbers of a model."""
-    return Part(step, step.setup(np.zeros(1)))
+    return Bound(step, step.setup(np.zeros(1)))
 
 
 def record(
@@ -136,7 +136,7 @@ def one_step(sensor: str | None, told: Innovation | None, fault: np.ndarray) -> 
 
 def smoothing(
     packing: Packing,
-    back: Part,
+    back: Bound,
     filtered: tuple[np.ndarray, np.ndarray, np.ndarray],
     dt: np.ndarray,
     u: np.ndarray | None,
@@ -162,7 +162,7 @@ def smoothing(
     )
 
 
-def rows(part: Part, given: np.ndarray, out: np.ndarray) -> Rows:
+def rows(part: Bound, given: np.ndarray, out: np.ndarray) -> Rows:
     """A function of rows `given` (B, k), or (k,) for one, whose results go to `out` (B, l) or (l,)."""
     return Rows(
         part.step.address,

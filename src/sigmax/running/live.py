@@ -15,14 +15,14 @@ from sigmax.native import Refused, Unavailable
 from sigmax.running.backend import attempt, native_failed, natively
 from sigmax.running.covariances import covariances
 from sigmax.running.current import current_model
-from sigmax.running.edge import as_filter, cast, run_type, typed
 from sigmax.running.fusing import Members, with_members_live
 from sigmax.running.given import Given
 from sigmax.running.intervals import seconds_of
 from sigmax.running.joining import joined
 from sigmax.running.layout import Layout
-from sigmax.running.live_lanes import LaneState
+from sigmax.running.live_native import NativeState
 from sigmax.running.live_xla import XlaState
+from sigmax.running.prepare import as_filter, cast, run_type, typed
 from sigmax.running.saved import identity, restored, saved
 from sigmax.running.step import Belief, Fault, Innovation
 
@@ -68,15 +68,12 @@ class Live:
         self._dtype = run_type(dtype)
         self._batched = prior.mean.ndim == 2
         self._tracks = (len(prior.mean),) if self._batched else ()
-        self._backend = backend
-        self._busy = False
+        self._backend, self._busy = backend, False
         self.model = cast(model, self._dtype)
         self._given = Given(self.model, self._dtype, prior.mean.shape[:-1], now, self._asked[2])
-        mean = typed(prior.mean, self._dtype)
-        cov = typed(prior.cov, self._dtype)
-        parts = self.filter, self.model, mean, cov
-        self._state: LaneState | XlaState = attempt(
-            backend, False, lambda: LaneState(*parts), lambda: XlaState.of_prior(*parts)
+        parts = self.filter, self.model, typed(prior.mean, self._dtype), typed(prior.cov, self._dtype)
+        self._state: NativeState | XlaState = attempt(
+            backend, False, lambda: NativeState(*parts), lambda: XlaState.of_prior(*parts)
         )
 
     @property
@@ -257,7 +254,7 @@ class Live:
         if self._busy:
             raise InputError(_SHARED)
         self._state.belief = belief
-        if isinstance(self._state, LaneState):
+        if isinstance(self._state, NativeState):
             self._state.fault[...] = fault
         else:
             self._state.fault = np.asarray(fault, np.int8).reshape(self._tracks)

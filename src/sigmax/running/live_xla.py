@@ -14,16 +14,16 @@ from sigmax.filters import Filter
 from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.models.opaque import failures_raised
-from sigmax.running.advance import Advanced, Given, advance
+from sigmax.running.advance import Advanced, Instant, advance
 from sigmax.running.covariances import covariances
-from sigmax.running.scanned import batch_first, batch_last
 from sigmax.running.step import Belief, Innovation
+from sigmax.running.xla_engine import batch_first, batch_last
 
 
 class XlaState:
     """A belief, batch last, and the compiled step that moves it on."""
 
-    # See `LaneState`.
+    # See `NativeState`.
     whole: Mapping[str | None, Any] = {}
 
     def __init__(self, filter: Filter, model: Model, belief: Belief) -> None:
@@ -68,7 +68,7 @@ class XlaState:
         return self._go({sensor: z.T}, self._cast(dt), R, u)[sensor]
 
     def _go(self, z: dict[str, Any], dt: Any, R: Any, u: np.ndarray | None) -> dict[str, Innovation]:
-        given = Given(z, dt, self._laid(u), {} if R is None else dict.fromkeys(z, R))
+        given = Instant(z, dt, self._laid(u), {} if R is None else dict.fromkeys(z, R))
         with failures_raised():
             self.belief, said, self.fault = self._advance(self._leaves, self.belief, given)
         return {s: self._told(told) for s, told in said.items()}
@@ -94,7 +94,7 @@ def begun(mean: Any, cov: Any) -> Belief:
 def advancing(filter: Filter, structure: Any) -> Any:
     """The compiled step of a filter on models of one structure: (leaves, belief, given) -> `Advanced`."""
 
-    def go(leaves: Any, belief: Belief, given: Given) -> Advanced:
+    def go(leaves: Any, belief: Belief, given: Instant) -> Advanced:
         model = jax.tree.unflatten(structure, leaves)
         return advance(filter, model, noise_root(model.Q), belief, given, True)
 

@@ -10,16 +10,16 @@ from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.native.calls import extension, ready
 from sigmax.native.driver import Record
-from sigmax.running.advance import Given
+from sigmax.running.advance import Instant
 from sigmax.running.backend import attempt
 from sigmax.running.covariances import covariances
 from sigmax.running.current import current_model
-from sigmax.running.edge import as_filter, cast, run_type
 from sigmax.running.functions import check_shapes, counted
 from sigmax.running.job import Parts, bind, done, one_step, record, said
-from sigmax.running.lanes import started
 from sigmax.running.live_xla import advancing, begun
 from sigmax.running.lowered import Lowered, lowered
+from sigmax.running.native_engine import started
+from sigmax.running.prepare import as_filter, cast, run_type
 from sigmax.running.step import Innovation
 
 Corrected = tuple[np.ndarray, Innovation, np.ndarray]
@@ -102,7 +102,7 @@ class RowSteps:
             return moved, fault
 
         def xla() -> tuple[np.ndarray, np.ndarray]:
-            moved, _, fault = self._xla(rows, Given({}, _padded(dt)))
+            moved, _, fault = self._xla(rows, Instant({}, _padded(dt)))
             return moved, fault
 
         return attempt(self.backend, False, native, xla)
@@ -121,7 +121,7 @@ class RowSteps:
             return rows, told, np.zeros(0, np.int8)
 
         def xla() -> Corrected:
-            moved, said, fault = self._xla(rows, Given({sensor: _padded(z).T}, None, self._inputs(u)))
+            moved, said, fault = self._xla(rows, Instant({sensor: _padded(z).T}, None, self._inputs(u)))
             cut = [np.moveaxis(np.asarray(a), -1, 0)[: len(rows)] for a in said[sensor]]
             return moved, Innovation(*cut), fault
 
@@ -210,7 +210,7 @@ class RowSteps:
             self._ready[part, inputs] = low, bind(low, self.model, part)
         return self._ready[part, inputs]
 
-    def _xla(self, rows: np.ndarray, given: Given) -> tuple[np.ndarray, dict[str, Innovation], np.ndarray]:
+    def _xla(self, rows: np.ndarray, given: Instant) -> tuple[np.ndarray, dict[str, Innovation], np.ndarray]:
         """One half-step on XLA, of rows that are padded as `given` is; what they said is not cut yet."""
         go = advancing(self.filter, self._structure)
         belief, said, fault = go(self._leaves, self.packing.unpacked(_padded(rows)), given)

@@ -11,10 +11,10 @@ from sigmax.filters import Filter
 from sigmax.models.checks import is_traced, strings
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.running import lanes, scanned
+from sigmax.running import native_engine, xla_engine
 from sigmax.running.backend import attempt
-from sigmax.running.edge import Prepared, as_filter, prepare
 from sigmax.running.fusing import how, with_members
+from sigmax.running.prepare import Prepared, as_filter, prepare
 from sigmax.running.result import PARTS, Result
 
 
@@ -67,8 +67,8 @@ def run(
     total, parts = attempt(
         backend,
         traced,
-        lambda: lanes.filtered(kept, ready),
-        lambda: scanned.filtered(kept, ready, traced),
+        lambda: native_engine.filtered(kept, ready),
+        lambda: xla_engine.filtered(kept, ready, traced),
     )
     layout = ready.layout
     if ready.fused is not None:

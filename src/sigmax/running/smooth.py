@@ -13,14 +13,14 @@ from sigmax.models.augment import augment
 from sigmax.models.checks import is_traced
 from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
-from sigmax.running import lanes
+from sigmax.running import native_engine
 from sigmax.running.backend import attempt
 from sigmax.running.current import current_model
-from sigmax.running.edge import as_filter, cast, laid_out_steps
 from sigmax.running.layout import Layout
+from sigmax.running.prepare import as_filter, cast, laid_out_steps
 from sigmax.running.result import Result, Smoothed
-from sigmax.running.scanned import batch_first, batch_last
 from sigmax.running.smooth_step import back
+from sigmax.running.xla_engine import batch_first, batch_last
 
 
 def smooth(
@@ -76,7 +76,7 @@ def smooth(
         made = (_backwards if traced or tracing() else _compiled_backwards)(chosen, model, mean, factor, fault, *steps)
         return jax.tree.map(batch_first if batched else jnp.asarray if traced else np.asarray, made)
 
-    made = attempt(backend, traced, lambda: lanes.smoothed(chosen, model, kept, elapsed, u), with_xla)
+    made = attempt(backend, traced, lambda: native_engine.smoothed(chosen, model, kept, elapsed, u), with_xla)
     return Smoothed(result.layout, *made)
 
 

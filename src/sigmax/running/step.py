@@ -225,6 +225,6 @@ def _first(*causes: tuple[jax.Array, Fault]) -> jax.Array:
 
 def _keep(accept: jax.Array, new: Belief, old: Belief) -> Belief:
     # XLA repeats cheap operations in every entry that reads them, and the whole chain of checks is cheap
-    # one by one. A square root counts as dear: with it the checks are made once for each track.
+    # one by one. A square root counts as costly: with it the checks are made once for each track.
     accept = jnp.sqrt(jnp.where(accept, 1.0, 0.0)) > 0.5
     return jax.tree.map(lambda a, b: jnp.where(accept, a, b), new, old)

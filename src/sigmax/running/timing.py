@@ -4,9 +4,9 @@ import time
 
 import numpy as np
 
-from sigmax.running import lanes, scanned
+from sigmax.running import native_engine, xla_engine
 from sigmax.running.backend import attempt
-from sigmax.running.edge import Prepared
+from sigmax.running.prepare import Prepared
 
 
 def seconds(ready: Prepared, backend: str | None = None) -> tuple[float, float]:
@@ -17,11 +17,11 @@ def seconds(ready: Prepared, backend: str | None = None) -> tuple[float, float]:
 
 def _seconds(ready: Prepared, backend: str | None) -> float:
     def native() -> None:
-        lanes.filtered(frozenset(), ready)
+        native_engine.filtered(frozenset(), ready)
 
     def xla() -> None:
         # What nobody asks for is not computed there.
-        _, parts = scanned.filtered(frozenset({"mean", "factor"}), ready, False)
+        _, parts = xla_engine.filtered(frozenset({"mean", "factor"}), ready, False)
         np.asarray(parts["mean"])
 
     begun = time.perf_counter()

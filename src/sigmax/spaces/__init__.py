@@ -1,5 +1,6 @@
 """Spaces of states and measurements: rules, steps and errors know them by ⊞ and ⊟ alone."""
 
+from sigmax.algebra.arrays import wrap
 from sigmax.spaces.direction import Direction
 from sigmax.spaces.errors import errors
 from sigmax.spaces.groups import Pose2, Pose3, Rotation
@@ -38,4 +39,5 @@ __all__ = [
     "product",
     "reset",
     "rotate",
+    "wrap",
 ]

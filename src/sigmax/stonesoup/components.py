@@ -19,7 +19,7 @@ from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models import Model, angle
 from sigmax.models.checks import numbers, symmetric_semidefinite
-from sigmax.running.edge import as_filter
+from sigmax.running.prepare import as_filter
 from sigmax.running.rows import RowSteps
 from sigmax.stonesoup.translate import Seen, motion_of, sensor_of
 

@@ -5,8 +5,8 @@ import numpy as np
 
 from sigmax.algebra.arrays import wrapped
 from sigmax.models import Gaussian
-from sigmax.running.mapped import mapped
 from sigmax.running.run import run
+from sigmax.running.vectorized import vectorized
 from sigmax.studies.simulate import Drawn, root_of
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Estimated
@@ -69,5 +69,5 @@ def bank(study: Study, drawn: Drawn, members: int, seed: tuple[int, ...], backen
         d -= shift[:, None]
         inside = np.einsum("bkt,bktij->btij", share, found.cov.reshape(count, members, T, n, n))
         cov[part] = inside + np.einsum("bkt,bkti,bktj->btij", share, d, d, optimize=True)
-    (factor,) = mapped(root_of, cov.reshape(B * T, n, n), backend=backend)
+    (factor,) = vectorized(root_of, cov.reshape(B * T, n, n), backend=backend)
     return Estimated(mean, factor.reshape(cov.shape), fault, np.full((B, T), np.nan), np.zeros((B, T), int))

@@ -11,7 +11,7 @@ from sigmax.algebra.factor import Diagonal
 from sigmax.models import Model
 from sigmax.models.evaluate import moving, sensing
 from sigmax.models.noise import OF_MOTION, takes
-from sigmax.running.mapped import mapped
+from sigmax.running.vectorized import vectorized
 from sigmax.studies.simulate import Drawn
 from sigmax.studies.study import Study
 
@@ -75,13 +75,13 @@ def information(study: Study, drawn: Drawn, kept: np.ndarray, backend: str | Non
     dt = np.broadcast_to(study.elapsed, (B, T)).reshape(-1)
     u = np.zeros((T, 0)) if study.inputs is None else np.asarray(study.inputs, float)
     every = np.broadcast_to(u, (B, *u.shape)).reshape(B * T, -1)
-    (F,) = mapped(motion, before.reshape(B * T, n), dt, every, backend=backend)
+    (F,) = vectorized(motion, before.reshape(B * T, n), dt, every, backend=backend)
     F = F.reshape(B, T, n, n)[kept]
     inverse = np.stack([np.linalg.inv(_noise(model, step)) for step in study.elapsed])
     QF = inverse @ F
     sensed = np.zeros((T, n, n))
     for sensor, slope in sensors.items():
-        (H,) = mapped(slope, drawn.truth.reshape(B * T, n), every, backend=backend)
+        (H,) = vectorized(slope, drawn.truth.reshape(B * T, n), every, backend=backend)
         H = H.reshape(B, T, -1, n)[kept]
         m = H.shape[-2]
         there = np.broadcast_to(np.asarray(study.measured.get(sensor, True), bool), (T, m))

@@ -13,7 +13,7 @@ from sigmax.models.augment import augment
 from sigmax.models.evaluate import moving, sensing
 from sigmax.rules import Marginal, SigmaPoints, Taylor1, Taylor2
 from sigmax.rules.linearization import Function, Rule
-from sigmax.running.edge import prepare
+from sigmax.running.prepare import prepare
 from sigmax.running.timing import seconds
 from sigmax.running.updating import update_on
 from sigmax.studies.simulate import draw

@@ -98,7 +98,7 @@ def _listed(found: Any) -> list[Study]:
     studies = list(found) if isinstance(found, list | tuple) else [found]
     for study in studies:
         if not isinstance(study, Study):
-            raise InputError(f"a study must be a sigmax.Study; this is {type(study).__name__}")
+            raise InputError(f"a study must be a sigmax.studies.Study; this is {type(study).__name__}")
     return studies
 
 

@@ -12,8 +12,8 @@ from sigmax.algebra.arrays import times, wrap, wrapped
 from sigmax.algebra.factor import cholesky, dense, inverse_lower, solve_lower, square
 from sigmax.models import Model
 from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
-from sigmax.running.mapped import mapped
 from sigmax.running.step import Fault
+from sigmax.running.vectorized import vectorized
 from sigmax.studies.simulate import Drawn, mover, root_of, sizes
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Estimated
@@ -50,7 +50,7 @@ def particles(
     for first in range(0, B, size):
         part = slice(first, min(first + size, B))
         mean[part], cov[part], failed[part] = _runs(study, drawn, part, count, functions, rng, backend)
-    (factor,) = mapped(root_of, cov.reshape(B * T, n, n), backend=backend)
+    (factor,) = vectorized(root_of, cov.reshape(B * T, n, n), backend=backend)
     nothing = np.full((B, T), np.nan)
     fault = np.where(failed, Fault.SENSOR_NOT_FINITE, Fault.NONE).astype(np.int8)
     return Estimated(mean, factor.reshape(cov.shape), fault, nothing, np.zeros((B, T), int))
@@ -82,7 +82,7 @@ def _runs(
         u = np.broadcast_to(inputs[t], (B * M, inputs.shape[1]))
         blind = np.arange(B * M) % 2.0
         given = (x.reshape(B * M, n), rng.standard_normal((B * M, n)), blind, measured, np.full(B * M, dt), u)
-        moved, gained = mapped(move, *given, backend=backend)
+        moved, gained = vectorized(move, *given, backend=backend)
         escaped = ~(np.isfinite(moved).all(1) & np.isfinite(gained))
         moved[escaped], gained[escaped] = 0.0, -np.inf
         x = moved.reshape(B, M, n)

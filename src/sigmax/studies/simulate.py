@@ -12,7 +12,7 @@ from sigmax.algebra.arrays import times
 from sigmax.algebra.factor import Diagonal, Matrix, cholesky
 from sigmax.models import Model
 from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
-from sigmax.running.mapped import mapped
+from sigmax.running.vectorized import vectorized
 from sigmax.studies.study import Study
 
 
@@ -84,7 +84,7 @@ def parts(study: Study) -> Parts:
     """The functions that draw a study, the same objects at every call so that they are compiled once."""
     nature, model = study.nature or study.model, study.model
     mean, cov = np.asarray(study.prior.mean, float), np.asarray(study.prior.cov, float)
-    root = mapped(root_of, cov[None])[0][0]  # operation by operation JAX would compile for seconds
+    root = vectorized(root_of, cov[None])[0][0]  # operation by operation JAX would compile for seconds
     fixed = None if study.start is None else np.asarray(study.start, float)
     estimate = study.estimate
 
@@ -113,12 +113,14 @@ def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Dr
     rng = np.random.default_rng([seed, number, 0])
     B, T, n, d = study.block, study.steps, study.model.size, study.model.dim
     functions = parts(study)
-    start, mean = mapped(functions.start, *rng.standard_normal((2, B, d)), backend=backend)
+    start, mean = vectorized(functions.start, *rng.standard_normal((2, B, d)), backend=backend)
     dt, x = study.elapsed, start
     u = np.zeros((T, 0)) if study.inputs is None else np.asarray(study.inputs, float)
     truth = np.empty((B, T, n))
     for t, w in enumerate(rng.standard_normal((T, B, d))):
-        (x,) = mapped(functions.move, x, w, np.full(B, dt[t]), np.broadcast_to(u[t], (B, u.shape[1])), backend=backend)
+        (x,) = vectorized(
+            functions.move, x, w, np.full(B, dt[t]), np.broadcast_to(u[t], (B, u.shape[1])), backend=backend
+        )
         truth[:, t] = x
     reach = np.inf if study.reach is None else np.asarray(study.reach, float)
     with np.errstate(invalid="ignore"):
@@ -128,7 +130,7 @@ def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Dr
     every = np.broadcast_to(u, (B, *u.shape)).reshape(B * T, -1)
     for sensor, m in sizes(study).items():
         noise = rng.standard_normal((B * T, study.model.measured_space(sensor, m).dim))
-        (value,) = mapped(functions.sense[sensor], truth.reshape(B * T, n), noise, every, backend=backend)
+        (value,) = vectorized(functions.sense[sensor], truth.reshape(B * T, n), noise, every, backend=backend)
         seen = (rng.random((B, T)) < study.detections[sensor]) & kept[:, None]
         there = np.broadcast_to(np.asarray(study.measured.get(sensor, True), bool), (T, m))
         z[sensor] = np.where(seen[..., None] & there, value.reshape(B, T, m), np.nan)

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from sigmax.algebra.arrays import outer, wrap
-from sigmax.running.mapped import totals
 from sigmax.running.step import Fault
+from sigmax.running.vectorized import totals
 from sigmax.spaces import Space, errors
 
 # Why a run is lost; the first that applies counts.

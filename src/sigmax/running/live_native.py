@@ -11,15 +11,15 @@ from sigmax.models.model import Model
 from sigmax.native.calls import ready
 from sigmax.native.driver import Squares, pointer
 from sigmax.running.job import bind, one_step, record, said
-from sigmax.running.lanes import started
 from sigmax.running.lowered import Lowered, lowered
+from sigmax.running.native_engine import started
 from sigmax.running.step import Belief, Innovation
 
 # A step of more numbers than this takes some ten microseconds: long enough to let other threads run.
 _MANY = 100
 
 
-class LaneState:
+class NativeState:
     """Rows of numbers (B, size), and compiled half-steps that move them on.
 
     Attributes:

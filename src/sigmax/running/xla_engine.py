@@ -15,8 +15,8 @@ from sigmax.models.checks import is_traced
 from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.models.opaque import calls_out
-from sigmax.running.advance import Given, advance
-from sigmax.running.edge import Prepared
+from sigmax.running.advance import Instant, advance
+from sigmax.running.prepare import Prepared
 from sigmax.running.step import Belief
 
 _SMALLEST_PART = 256
@@ -125,7 +125,7 @@ def _scan(
     root = noise_root(model.Q)
 
     def step(
-        carry: tuple[Belief, jax.Array], here: tuple[Given, jax.Array]
+        carry: tuple[Belief, jax.Array], here: tuple[Instant, jax.Array]
     ) -> tuple[tuple[Belief, jax.Array], dict[str, Any]]:
         (belief, total), (given, moving) = carry, here
         belief, said, fault = advance(filter, model, root, belief, given, moving if update_first else True)
@@ -145,7 +145,7 @@ def _scan(
 
     started = Belief(mean, cholesky(cov)[0])
     zero = jnp.zeros(mean.shape[1:], mean.dtype)
-    (_, total), parts = jax.lax.scan(step, (started, zero), (Given(z, dt, u), jnp.arange(dt.shape[0]) > 0))
+    (_, total), parts = jax.lax.scan(step, (started, zero), (Instant(z, dt, u), jnp.arange(dt.shape[0]) > 0))
     return total, parts
 
 

@@ -22,7 +22,7 @@ Shapes = tuple[tuple[int, ...], ...]
 Kind = TypeVar("Kind", bound=tuple[Any, ...])
 
 
-def mapped(function: Callable[..., Any], *arrays: np.ndarray, backend: str | None = None) -> tuple[np.ndarray, ...]:
+def vectorized(function: Callable[..., Any], *arrays: np.ndarray, backend: str | None = None) -> tuple[np.ndarray, ...]:
     """What `function` gives for each row of arrays (B, …): one array (B, …) or several, always as a tuple.
 
     Natively a row's bits do not depend on the rows beside it. Compiled once for a function and the shapes
@@ -58,7 +58,7 @@ def totals(function: Callable[..., Any], *arrays: np.ndarray, backend: str | Non
     Natively in a fixed order, on one core, without Python's lock and without an array of B × T results.
 
     Args:
-        function: as in `mapped`.
+        function: as in `vectorized`.
         arrays: the arguments for each run and step, float64.
         backend: as in `run`.
     """
@@ -125,7 +125,7 @@ def _listed(function: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
 @lru_cache(maxsize=64)
 def _lowered(function: Callable[..., Any], shapes: Shapes, alone: bool = False) -> tuple[Step, Shapes]:
     specs = [jax.ShapeDtypeStruct(shape, np.float64) for shape in shapes]
-    name = fingerprint("mapped", function, shapes)
+    name = fingerprint("vectorized", function, shapes)
     made = jax.eval_shape(partial(_listed, function), *specs)
 
     def program() -> Program:

@@ -8,8 +8,8 @@ import numpy as np
 from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.running import job
-from sigmax.running.edge import Prepared
 from sigmax.running.lowered import Lowered, lowered
+from sigmax.running.prepare import Prepared
 from sigmax.running.step import Innovation
 
 
@@ -28,7 +28,7 @@ def started(low: Lowered, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.n
     count = 1 if alone else batch
     given, out = (np.empty((count, low.packing.size), low.dtype) for _ in range(2))
     given[:, :points], given[:, points:] = mean, lower
-    part = job.Part(step, step.setup(np.zeros(sum(z.size for z in low.zeros) + 1)))
+    part = job.Bound(step, step.setup(np.zeros(sum(z.size for z in low.zeros) + 1)))
     job.done(low, "rows", job.rows(part, given, out), count)
     return np.repeat(out, batch, 0) if alone else out
 
