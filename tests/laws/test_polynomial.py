@@ -1,5 +1,7 @@
 """The polynomial family: exact for quadratic models, each of its four terms a switch, models by their matrices."""
 
+from itertools import product
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 
 import sigmax
 from sigmax import InputError, rules
-from sigmax.rules import SigmaPoints, Taylor2
+from sigmax.rules import SigmaPoints, Taylor, Taylor1, Taylor2
 
 rng = np.random.default_rng(7)
 N, M = 3, 2
@@ -50,6 +52,53 @@ def test_moments_of_quadratic_functions_are_exact(g):
     np.testing.assert_allclose(FACTOR @ draws @ (y - y.mean(1)[:, None]).T / draws.shape[1], cross, atol=2e-2)
 
 
+def polynomial(n, degree, seed):
+    """Three random polynomials of n variables."""
+    powers = np.array([e for e in product(range(degree + 1), repeat=n) if sum(e) <= degree])
+    A = np.random.default_rng(seed).standard_normal((3, len(powers)))
+    return lambda x: jnp.asarray(A) @ jnp.prod(x[None] ** jnp.asarray(powers), axis=1)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_the_taylor_rule_of_an_order_is_exact_for_polynomials_of_that_degree(n, order):
+    """Mean, slope and covariance are the integrals over a grid of Gauss and Hermite, and not beyond that degree."""
+    x, S = MEAN[:n], np.tril(np.random.default_rng(order).standard_normal((n, n)))
+    nodes, weights = np.polynomial.hermite_e.hermegauss(order + 2)
+    xi = np.array(list(product(nodes, repeat=n)))
+    w = np.prod(list(product(weights / weights.sum(), repeat=n)), axis=1)
+
+    def apart(degree):
+        g = polynomial(n, degree, seed=n)
+        y = np.asarray(jax.vmap(g)(x + xi @ S.T))
+        mean = w @ y
+        slope, cov = (y - mean).T @ (w[:, None] * xi), (y - mean).T @ (w[:, None] * (y - mean))
+        line = Taylor(order)(g, jnp.asarray(x), jnp.asarray(S), (False,) * 3)
+        E, R = np.asarray(line.slope), np.asarray(line.residual)
+        pairs = ((line.mean, mean), (E, slope), (E @ E.T + R @ R.T, cov))
+        return max(np.abs(a - b).max() / np.abs(b).max() for a, b in pairs)
+
+    assert apart(order) < 1e-13
+    assert apart(order + 1) > 1e-3
+
+
+@pytest.mark.parametrize(("order", "rule"), [(1, Taylor1()), (2, Taylor2())])
+def test_orders_one_and_two_are_the_rules_of_their_own(order, rule):
+    given = SENSOR.function, jnp.asarray(MEAN), jnp.asarray(FACTOR), (False,) * M
+    for mine, theirs in zip(moments(Taylor(order)(*given)), moments(rule(*given)), strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-13)
+
+
+def test_quadratic_models_take_known_inputs():
+    U, u = np.arange(6.0).reshape(N, 2), np.array([0.5, -2.0])
+    moved_by = sigmax.motions.quadratic(*PHI, Phi_u=U).function(MEAN, 0.3, u)
+    np.testing.assert_allclose(moved_by, np.asarray(moved(MEAN)) + U @ u, rtol=1e-13)
+    seen = sigmax.sensors.quadratic(*H, H_u=U[:M]).function(MEAN, u)
+    np.testing.assert_allclose(seen, np.asarray(SENSOR.function(MEAN)) + U[:M] @ u, rtol=1e-13)
+    with pytest.raises(InputError, match="Phi_u must have the shape"):
+        sigmax.motions.quadratic(*PHI, Phi_u=U.T)
+
+
 def test_matrices_mean_what_the_formula_says():
     for function, (c, L, B) in ((moved, PHI), (SENSOR.function, H)):
         value = function(jnp.asarray(MEAN))
@@ -63,7 +112,9 @@ def filtered(name, **switches):
     return sigmax.run(chosen, MODEL, sigmax.Gaussian(MEAN, FACTOR @ FACTOR.T), z)
 
 
-@pytest.mark.parametrize("family", [("PF", "SRPF", "SRPFB", "PIF"), ("SOKF", "SRSOKF", "SRSOKFB", "SOIF")])
+@pytest.mark.parametrize(
+    "family", [("PF", "SRPF", "SRPFB", "PIF"), ("SOKF", "SRSOKF", "SRSOKFB", "SOIF"), ("TKF", "SRTKF", "SRTKFB")]
+)
 def test_all_forms_agree(family):
     first, *others = (filtered(name) for name in family)
     for other in others:

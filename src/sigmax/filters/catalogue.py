@@ -16,6 +16,7 @@ from sigmax.rules import (
     Marginal,
     Rule,
     SigmaPoints,
+    Taylor,
     Taylor1,
     Taylor2,
     cubature,
@@ -59,6 +60,10 @@ def _taylor2_sensor(d_sensor: bool = True, D_sensor: bool = True) -> Rule:
 
 def _second_order_motion(d_motion: bool = True) -> Rule:
     return Taylor2(mean=bool(d_motion), covariance=False)
+
+
+def _taylor(order: int = 3) -> Rule:
+    return Taylor(int(order))
 
 
 def _unscented(
@@ -141,7 +146,7 @@ def _projected(points: str) -> bool:
 
 _POINTS = ("state", "projected")
 _INFORMATION = {"exact": of_information, "paper": without_omega(of_information)}
-_T1, _T2, _T2H, _SO = _taylor1, _taylor2_motion, _taylor2_sensor, _second_order_motion
+_T, _T1, _T2, _T2H, _SO = _taylor, _taylor1, _taylor2_motion, _taylor2_sensor, _second_order_motion
 _U, _C3, _C5, _SX, _GH = _unscented, _cubature3, _cubature5, _simplex, _gauss_hermite
 _M3, _M5 = _marginal3, _marginal5
 _P, _S, _B, _Y, _R = _covariance, _square_root, _block, _information, _root_information
@@ -180,6 +185,9 @@ _ENTRIES: dict[str, Entry] = {
     "SOKF": Entry(_SO, _T2H, _P, "second order: polynomial without D of the motion"),
     "SRSOKF": Entry(_SO, _T2H, _S, "second order, square root"),
     "SRSOKFB": Entry(_SO, _T2H, _B, "second order, square root with block correction"),
+    "TKF": Entry(_T, _T, _P, "Taylor of any `order`, 3 unless said: exact moments of polynomials of that degree"),
+    "SRTKF": Entry(_T, _T, _S, "Taylor of any order, square root"),
+    "SRTKFB": Entry(_T, _T, _B, "Taylor of any order, square root with block correction"),
     "EIF": Entry(_T1, _T1, _Y, "extended, information"),
     "UIF": Entry(_U, _U, _Y, "unscented, information"),
     "CIF": Entry(_C3, _C3, _Y, "cubature, information"),

@@ -226,22 +226,26 @@ def mirrored_speed(speed: int, course: int) -> Callable[[jax.Array], jax.Array]:
 
 
 @made_once
-def quadratic(Phi0: Any, Phi_x: Any, Phi_xx: Any, names: Sequence[str] | None = None) -> Motion:
-    """Φ⁰ + Φˣ x + xᵀ Φˣˣ x, component by component, whatever the time between steps (Stepanov et al., (2), (3)).
+def quadratic(Phi0: Any, Phi_x: Any, Phi_xx: Any, names: Sequence[str] | None = None, Phi_u: Any = None) -> Motion:
+    """Φ⁰ + Φˣ x + xᵀ Φˣˣ x + Φᵘ u, component by component, whatever the time between steps (Stepanov et al., (2), (3)).
 
     Args:
         Phi0: (n,).
         Phi_x: (n, n).
         Phi_xx: (n, n, n), a block for each component.
         names: of the components.
+        Phi_u: (n, k), what known inputs u (k,) add; without it the motion takes none.
 
     Raises:
         InputError: where the shapes do not fit.
     """
-    function, n = quadratic_function("Phi", Phi0, Phi_x, Phi_xx)
+    function, n = quadratic_function("Phi", Phi0, Phi_x, Phi_xx, Phi_u)
 
     def moved(x: jax.Array, dt: jax.Array) -> jax.Array:
         return function(x)
+
+    def driven(x: jax.Array, dt: jax.Array, u: jax.Array) -> jax.Array:
+        return function(x, u)
 
     def noise(covariance: Any) -> Callable[[jax.Array], jax.Array]:
         """Q of a step from its covariance (n, n) or variances (n,)."""
@@ -252,4 +256,4 @@ def quadratic(Phi0: Any, Phi_x: Any, Phi_xx: Any, names: Sequence[str] | None = 
 
         return Q
 
-    return Motion(moved, tuple(names or (f"x{i}" for i in range(n))), noise)
+    return Motion(moved if Phi_u is None else driven, tuple(names or (f"x{i}" for i in range(n))), noise)

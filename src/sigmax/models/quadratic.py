@@ -12,15 +12,15 @@ from sigmax.models.checks import finite, numbers
 
 
 def quadratic_function(
-    name: str, constant: Any, linear: Any, blocks: Any
-) -> tuple[Callable[[jax.Array], jax.Array], int]:
-    """y_j = c_j + (L x)_j + xᵀ B_j x, and its number of components m.
+    name: str, constant: Any, linear: Any, blocks: Any, driven: Any = None
+) -> tuple[Callable[..., jax.Array], int]:
+    """y_j = c_j + (L x)_j + xᵀ B_j x + (U u)_j, a function of x, or of x and u, and its number of components m.
 
     The formulas of the polynomial filter need symmetric blocks, which the paper says only in its appendix;
     derivatives are symmetric of themselves, so that any blocks of the same value will do.
 
     Raises:
-        InputError: where the shapes of constant (m,), linear (m, n) and blocks (m, n, n) do not fit.
+        InputError: where the shapes of constant (m,), linear (m, n), blocks (m, n, n) and driven (m, k) do not fit.
     """
     parts = {f"{name}0": constant, f"{name}_x": linear, f"{name}_xx": blocks}
     c, L, B = (numbers(label, value) for label, value in parts.items())
@@ -32,8 +32,12 @@ def quadratic_function(
             f"they have {c.shape}, {L.shape} and {B.shape}"
         )
     whole = (B + np.swapaxes(B, 1, 2)) / 2
+    U = None if driven is None else numbers(f"{name}_u", driven)
+    if U is not None and (U.ndim != 2 or U.shape[0] != len(c)):
+        raise InputError(f"{name}_u must have the shape ({len(c)}, k); it has {U.shape}")
 
-    def function(x: jax.Array) -> jax.Array:
-        return jnp.asarray(c) + jnp.asarray(L) @ x + jnp.einsum("i,mij,j->m", x, jnp.asarray(whole), x)
+    def function(x: jax.Array, *u: jax.Array) -> jax.Array:
+        still = jnp.asarray(c) + jnp.asarray(L) @ x + jnp.einsum("i,mij,j->m", x, jnp.asarray(whole), x)
+        return still if U is None else still + jnp.asarray(U) @ u[0]
 
     return function, len(c)

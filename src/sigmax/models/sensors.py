@@ -122,17 +122,25 @@ def range_azimuth(
 
 
 @made_once
-def quadratic(H0: Any, H_x: Any, H_xx: Any, names: Sequence[str] | None = None) -> Sensor:
-    """H⁰ + Hˣ x + xᵀ Hˣˣ x, component by component (Stepanov et al., (1)), such as the square of a range.
+def quadratic(H0: Any, H_x: Any, H_xx: Any, names: Sequence[str] | None = None, H_u: Any = None) -> Sensor:
+    """H⁰ + Hˣ x + xᵀ Hˣˣ x + Hᵘ u, component by component (Stepanov et al., (1)), such as the square of a range.
 
     Args:
         H0: (m,).
         H_x: (m, n).
         H_xx: (m, n, n), a block for each component.
         names: of the components.
+        H_u: (m, k), what known inputs u (k,) add; without it the sensor takes none.
 
     Raises:
         InputError: where the shapes do not fit.
     """
-    function, m = quadratic_function("H", H0, H_x, H_xx)
-    return Sensor(function, tuple(names or (f"z{i}" for i in range(m))))
+    function, m = quadratic_function("H", H0, H_x, H_xx, H_u)
+
+    def seen(x: jax.Array) -> jax.Array:
+        return function(x)
+
+    def driven(x: jax.Array, u: jax.Array) -> jax.Array:
+        return function(x, u)
+
+    return Sensor(seen if H_u is None else driven, tuple(names or (f"z{i}" for i in range(m))))

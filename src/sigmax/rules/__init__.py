@@ -12,7 +12,7 @@ from sigmax.rules.sets import (
 )
 from sigmax.rules.sigma import SigmaPoints
 from sigmax.rules.sigma_set import SigmaSet, sigma_set
-from sigmax.rules.taylor import Taylor1, Taylor2
+from sigmax.rules.taylor import Taylor, Taylor1, Taylor2
 
 __all__ = [
     "Linearization",
@@ -20,6 +20,7 @@ __all__ = [
     "Rule",
     "SigmaPoints",
     "SigmaSet",
+    "Taylor",
     "Taylor1",
     "Taylor2",
     "cubature",
