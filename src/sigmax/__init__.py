@@ -36,7 +36,7 @@ _HOME = {
         "sensors",
     ),
     "sigmax.models.builtin": ("builtin",),
-    "sigmax.running": ("Live", "Result", "fit", "run", "smooth"),
+    "sigmax.running": ("Live", "Result", "fit", "run", "smooth", "start"),
     "sigmax.studies": ("compare",),
     "sigmax.running.explain": ("explain",),
 }
@@ -73,7 +73,7 @@ if TYPE_CHECKING:
         sensors,
     )
     from sigmax.models.builtin import builtin
-    from sigmax.running import Live, Result, fit, run, smooth
+    from sigmax.running import Live, Result, fit, run, smooth, start
     from sigmax.running.explain import explain
     from sigmax.studies import compare
 
@@ -114,6 +114,7 @@ __all__ = [
     "sensors",
     "smooth",
     "spaces",
+    "start",
     "studies",
     "tracking",
 ]

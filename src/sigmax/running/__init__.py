@@ -7,6 +7,7 @@ from sigmax.running.message import Contribution
 from sigmax.running.result import Result, Smoothed
 from sigmax.running.run import run
 from sigmax.running.smooth import smooth
+from sigmax.running.start import start
 from sigmax.running.step import Fault
 
 __all__ = [
@@ -21,4 +22,5 @@ __all__ = [
     "fit",
     "run",
     "smooth",
+    "start",
 ]

@@ -86,7 +86,7 @@ def prepare(
     model = current_model(model)
     given, alone = model, prior
     filter, model, prior = joined(filter, model, prior)
-    measured = _measurements(model, z)
+    measured = measurements_of(model, z)
     steps = {s: v.shape[-2] for s, v in measured.items()}
     T = next(iter(steps.values()))
     if len(set(steps.values())) > 1:
@@ -182,7 +182,8 @@ def cast(model: Model, dtype: Any) -> Model:
     return jax.tree.map(lambda leaf: typed(leaf, dtype), model)
 
 
-def _measurements(model: Model, z: Any) -> dict[str, Any]:
+def measurements_of(model: Model, z: Any) -> dict[str, Any]:
+    """Measurements by sensor, (T, m) or (B, T, m), checked against the model."""
     if model.several != isinstance(z, Mapping):
         wanted = f"a dict by sensor name, {sorted(model.sensors)}" if model.several else "an array (T, m) or (B, T, m)"
         raise InputError(f"z must be {wanted}; it is {type(z).__name__}")
