@@ -100,30 +100,14 @@ def _gauss_hermite(order: int = 3, permute: bool = False) -> Rule:
     return SigmaPoints(gauss_hermite, permute=bool(permute), order=int(order))
 
 
-def _covariance() -> Form:
-    return covariance
-
-
-def _square_root() -> Form:
-    return square_root
-
-
-def _block() -> Form:
-    return block
+def _always(form: Form) -> FormMaker:
+    return lambda: form
 
 
 def _information(information: str = "exact") -> Form:
     if information not in _INFORMATION:
         raise unknown("kind of information form", information, _INFORMATION)
     return _INFORMATION[information]
-
-
-def _root_information() -> Form:
-    return root_information
-
-
-def _two_stage() -> Form:
-    return two_stage(covariance)
 
 
 def _two_stage_information(information: str = "exact") -> Form:
@@ -149,8 +133,8 @@ _INFORMATION = {"exact": of_information, "paper": without_omega(of_information)}
 _T, _T1, _T2, _T2H, _SO = _taylor, _taylor1, _taylor2_motion, _taylor2_sensor, _second_order_motion
 _U, _C3, _C5, _SX, _GH = _unscented, _cubature3, _cubature5, _simplex, _gauss_hermite
 _M3, _M5 = _marginal3, _marginal5
-_P, _S, _B, _Y, _R = _covariance, _square_root, _block, _information, _root_information
-_TP, _TY = _two_stage, _two_stage_information
+_P, _S, _B, _R, _TP = map(_always, (covariance, square_root, block, root_information, two_stage(covariance)))
+_Y, _TY = _information, _two_stage_information
 
 _ENTRIES: dict[str, Entry] = {
     "KF": Entry(_T1, _T1, _P, "linear Kalman filter; refuses a model that is not linear"),
