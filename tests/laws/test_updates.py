@@ -282,6 +282,41 @@ def test_a_gate_refuses_and_finds_its_way_back():
     assert gate.ok.all()
 
 
+TOGETHER = sigmax.Model(
+    motion=straight_on,
+    sensor={"radar": radar, "bearings": bearings},
+    Q=RADAR.Q.entries if hasattr(RADAR.Q, "entries") else RADAR.Q,
+    R={"radar": RADAR_R, "bearings": np.full(2, np.deg2rad(0.5) ** 2)},
+    state=("x", "y", "vx", "vy"),
+    measurement={"radar": ("r", sigmax.angle("a")), "bearings": (sigmax.angle("b0"), sigmax.angle("b1"))},
+)
+
+
+@pytest.mark.parametrize("backend", [None, "xla"])
+def test_each_sensor_has_the_update_that_is_its_own(backend):
+    """One filter with two updates is two filters in turn, each correcting with its own sensor."""
+    _, z = drawn(RADAR, RADAR_R, 1, 6, 5, outliers=0.5)
+    _, angles = drawn(BEARINGS, np.full(2, np.deg2rad(0.5) ** 2), 1, 6, 6)
+    chosen = sigmax.get("SRCKFB", update={"radar": "student(2)", "bearings": "iterated(2)"})
+    together = sigmax.run(chosen, TOGETHER, PRIOR, {"radar": z[0], "bearings": angles[0]}, dt=DT, backend=backend)
+    first, second = (
+        sigmax.Live(sigmax.get("SRCKFB", update=update), TOGETHER, PRIOR, backend=backend)
+        for update in ("student(2)", "iterated(2)")
+    )
+    for k in range(6):
+        first.predict(DT)
+        first.update(z[0, k], "radar")
+        second.put(first.belief, 0)
+        second.update(angles[0, k], "bearings")
+        first.put(second.belief, 0)
+        assert np.abs((first.mean - together.mean[k]) / together.std[k]).max() < 1e-10
+    same = [sigmax.get("EKF", update=u) for u in ({"radar": "student"}, sigmax.filters.by_sensor({"radar": "student"}))]
+    assert same[0] == same[1]
+    assert str(same[0].update) == "radar: student(4)"
+    others = sigmax.filters.by_sensor({"radar": "gate"}, others="huber")
+    assert others.of("bearings") == sigmax.robust("huber")
+
+
 @dataclass(frozen=True)
 class Half:
     """Half of every measurement."""
@@ -333,6 +368,16 @@ def test_an_update_reads_what_it_says(text):
         (lambda: sigmax.robust("student", c=3), "it takes dof"),
         (lambda: sigmax.robust(WEIGHTS["student"]), "hashable"),
         (lambda: Update(weight=[]), "hashable"),
+        (lambda: sigmax.get("EKF", update={}), "a dict such as"),
+        (lambda: sigmax.get("EKF", update={"radar": {"a": "once"}}), "the update of one sensor"),
+        (
+            lambda: sigmax.run(sigmax.get("EKF", update={"radr": "gate"}), TOGETHER, PRIOR, {"radar": np.ones((1, 2))}),
+            "did you mean radar",
+        ),
+        (
+            lambda: sigmax.Live(sigmax.get("EKF", update={"radar": "gate"}), sigmax.models.fused(TOGETHER), PRIOR),
+            "corrected as one",
+        ),
         (
             lambda: sigmax.Filter(sigmax.rules.Taylor1(), sigmax.rules.Taylor1(), sigmax.forms.block, update="student"),
             "sigmax.once",

@@ -9,7 +9,7 @@ from rich.markup import escape
 
 from sigmax.errors import InputError
 from sigmax.export import export_c
-from sigmax.records import Record, find_model, load, parse_trial
+from sigmax.records import Record, find_model, load, parse_trial, with_updates
 from sigmax.records.find_model import is_record, scenario_of
 
 
@@ -39,7 +39,7 @@ def export_model(model: str, filter: str, out: Path | None, single: bool) -> Non
     folder = out if out is not None else Path("export") / name
     with errors.status("lowering, and running the filter that the C is compared with"):
         done = export_c(
-            trial.filter,
+            trial.filter if record is None else with_updates(trial.filter, record.updates),
             task.model,
             task.prior,
             folder,

@@ -2,11 +2,12 @@
 
 from sigmax.filters.catalogue import Entry, catalogue, get, names
 from sigmax.filters.filter import Filter
-from sigmax.filters.update import Update, iterated, named, once, robust
+from sigmax.filters.update import BySensor, Update, by_sensor, iterated, named, once, robust
 from sigmax.filters.weights import WEIGHTS, Gate, Huber, Student, Weighed, Weight
 
 __all__ = [
     "WEIGHTS",
+    "BySensor",
     "Entry",
     "Filter",
     "Gate",
@@ -15,6 +16,7 @@ __all__ = [
     "Update",
     "Weighed",
     "Weight",
+    "by_sensor",
     "catalogue",
     "get",
     "iterated",

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from sigmax.errors import InputError, unknown
 from sigmax.filters.filter import Filter
 from sigmax.filters.parameters import fitted
-from sigmax.filters.update import Update, iterated, named
+from sigmax.filters.update import BySensor, Update, iterated, named
 from sigmax.forms import Form, block, covariance, root_information, square_root, two_stage, without_omega
 from sigmax.forms import information as of_information
 from sigmax.rules import (
@@ -206,10 +206,13 @@ def names() -> tuple[str, ...]:
     return tuple(_ENTRIES)
 
 
-def get(name: str, *, update: Update | str | None = None, **parameters: Any) -> Filter:
+def get(
+    name: str, *, update: Update | BySensor | str | Mapping[str, Update | str] | None = None, **parameters: Any
+) -> Filter:
     """The filter of a name, such as `get("SRUKFB", alpha=0.45, beta=2, kappa=-2)` or `get("EKF", update="student")`.
 
-    An update is one such as `iterated(5)`, or its name; without one it is that of the catalogue.
+    An update is one such as `iterated(5)`, or its name, or a dict of them by sensor; without one it is that of the
+    catalogue.
 
     Raises:
         InputError: for a name or a parameter that is not known, with the nearest ones that are.
@@ -221,7 +224,7 @@ def get(name: str, *, update: Update | str | None = None, **parameters: Any) -> 
 
 
 @lru_cache(maxsize=256)
-def _made(name: str, update: Update | None, given: tuple[tuple[str, Any], ...]) -> Filter:
+def _made(name: str, update: Update | BySensor | None, given: tuple[tuple[str, Any], ...]) -> Filter:
     parameters = dict(given)
     folded = {known.casefold(): known for known in _ENTRIES}
     if str(name).casefold() not in folded:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from types import FunctionType
 
 from sigmax.errors import InputError
-from sigmax.filters.update import Update
+from sigmax.filters.update import BySensor, Update
 from sigmax.forms.form import Form
 from sigmax.rules.linearization import Rule
 from sigmax.rules.marginal import Marginal
@@ -21,8 +21,8 @@ class Filter:
         form: how the covariance is carried.
         name: as it stands in tables.
         linear: refuse models that are not linear.
-        update: how a measurement corrects: once, iterated, or by weights; None for once, and on curved spaces
-            for one iteration.
+        update: how a measurement corrects: once, iterated, or by weights, or that for each sensor; None for once, and
+            on curved spaces for one iteration.
     """
 
     predict: Rule
@@ -30,7 +30,7 @@ class Filter:
     form: Form
     name: str = "unnamed"
     linear: bool = False
-    update: Update | None = None
+    update: Update | BySensor | None = None
 
     def __post_init__(self) -> None:
         for what, rule in (("predict", self.predict), ("correct", self.correct)):
@@ -38,7 +38,7 @@ class Filter:
                 raise InputError(f"{what} must be a rule such as sigmax.rules.Taylor1(), hashable; it is {_said(rule)}")
         if not isinstance(self.form, Form):
             raise InputError(f"form must be a sigmax.forms.Form such as sigmax.forms.block; it is {_said(self.form)}")
-        if self.update is not None and not isinstance(self.update, Update):
+        if self.update is not None and not isinstance(self.update, Update | BySensor):
             raise InputError(
                 f"update must be one such as sigmax.once, sigmax.iterated(3) or sigmax.robust('student'); "
                 f"it is {_said(self.update)}"

@@ -53,6 +53,27 @@ class Update:
 once = Update()
 
 
+@dataclass(frozen=True)
+class BySensor:
+    """An update for each sensor: a gate for one that sees reflections, once for an odometer.
+
+    Attributes:
+        updates: by the name of the sensor.
+        others: of sensors that are not named; None for once, and on curved spaces for one iteration.
+    """
+
+    updates: tuple[tuple[str, Update], ...]
+    others: Update | None = None
+
+    def of(self, sensor: str) -> Update | None:
+        """The update of a sensor."""
+        return dict(self.updates).get(sensor, self.others)
+
+    def __str__(self) -> str:
+        others = [] if self.others is None else [f"others: {self.others}"]
+        return ", ".join([*(f"{sensor}: {update}" for sensor, update in self.updates), *others])
+
+
 def iterated(iterations: int = 3, guarded: bool = True) -> Update:
     """The sensor linearised again so many times about the posterior: IEKF for Taylor rules, IPLF for sigma rules.
 
@@ -93,14 +114,38 @@ def robust(kind: str | Weight = "student", update: Update = once, **parameters: 
     return replace(update, weight=WEIGHTS[kind](**parameters))
 
 
-def named(update: Update | str) -> Update:
+def by_sensor(updates: Mapping[str, Update | str], others: Update | str | None = None) -> BySensor:
+    """An update for each sensor by its name, such as `{"gps": "student", "odometer": "once"}`.
+
+    Raises:
+        InputError: for what is not such a dict, or an update that is none.
+    """
+    if not isinstance(updates, Mapping) or not updates or not all(isinstance(sensor, str) for sensor in updates):
+        raise InputError(f"updates by sensor are a dict such as {{'gps': 'student'}}; it is {updates!r}")
+    return BySensor(
+        tuple((sensor, _alone(named(update))) for sensor, update in updates.items()),
+        None if others is None else _alone(named(others)),
+    )
+
+
+def _alone(update: Update | BySensor) -> Update:
+    if isinstance(update, BySensor):
+        raise InputError(f"the update of one sensor is one such as sigmax.robust('student'); it is {update}")
+    return update
+
+
+def named(update: Update | BySensor | str | Mapping[str, Any]) -> Update | BySensor:
     """An update by its name, each part with its first parameter: "once", "iterated(5)", "iterated(2) student(4)".
+
+    A dict is one for each sensor, see `by_sensor`.
 
     Raises:
         InputError: for what is neither an update nor the name of one.
     """
-    if isinstance(update, Update):
+    if isinstance(update, Update | BySensor):
         return update
+    if isinstance(update, Mapping):
+        return by_sensor(update)
     if not isinstance(update, str):
         raise InputError(
             f"update must be one such as sigmax.once, sigmax.iterated(3) or sigmax.robust('student'), or its name; "

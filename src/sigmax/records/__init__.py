@@ -3,7 +3,7 @@
 from sigmax.records.find_model import find_model
 from sigmax.records.load import builtin, load, load_plots
 from sigmax.records.plots import PlotRecord
-from sigmax.records.record import Backdrop, Record, Trial, parse_trial
+from sigmax.records.record import Backdrop, Record, Trial, parse_trial, with_updates
 from sigmax.records.tracking import Outcome, check, track
 from sigmax.records.userfile import functions_allowed_from
 
@@ -21,4 +21,5 @@ __all__ = [
     "load_plots",
     "parse_trial",
     "track",
+    "with_updates",
 ]

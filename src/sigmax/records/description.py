@@ -87,6 +87,7 @@ class SensorPart(Section):
     radial_velocity: bool = False
     measurement: dict[str, str] | None = None
     inputs: dict[str, ColumnGiven] = Field(default_factory=dict)
+    update: str | None = None
 
 
 def _as_lists(given: Any) -> Any:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 
 from sigmax.errors import InputError, unknown
+from sigmax.filters import Update
 from sigmax.models import Model, motions
 from sigmax.models.noise import takes
 from sigmax.records.bias import Biased, read_bias
@@ -36,6 +37,11 @@ class Built(NamedTuple):
     sensings: dict[str, Sensing]
     inputs: tuple[Input, ...]
     biased: Biased | None
+
+    @property
+    def updates(self) -> dict[str, Update]:
+        """How sensors correct, of those that say so."""
+        return {name: sensing.update for name, sensing in self.sensings.items() if sensing.update is not None}
 
 
 def build(description: Description, folder: Path) -> Built:

@@ -90,6 +90,7 @@ def _record(path: Path, description: Description) -> Record:
         notes=(*silent, *notes),
         doubts=doubts(description, built, table, time, epoch, names, rows, measured),
         update_first=True,
+        updates=built.updates,
     )
 
 

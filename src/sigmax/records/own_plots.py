@@ -16,7 +16,7 @@ from sigmax.records.own import check_columns, columns, instants, measured_column
 from sigmax.records.plot_description import DetectionPart, PlotDescription, TrackingPart, extent_of
 from sigmax.records.plots import PlotRecord
 from sigmax.records.read_table import read_table
-from sigmax.records.record import parse_trial
+from sigmax.records.record import parse_trial, with_updates
 from sigmax.records.units import LENGTH, SPEED, TIME, quantity
 from sigmax.tracking import (
     Cycle,
@@ -169,7 +169,7 @@ def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> 
 
     def cycle(filter: Filter) -> Cycle:
         return Cycle(
-            Modes([(filter, built.model)]),
+            Modes([(with_updates(filter, built.updates), built.model)]),
             detectors,
             two_point(top, within),
             layout=layout,

@@ -1,14 +1,14 @@
 """A record: what was measured, the model for it, and what shall be tried on it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from sigmax.errors import InputError, unknown
-from sigmax.filters import Filter, get
+from sigmax.filters import BySensor, Filter, Update, get
 from sigmax.models import Gaussian, Model
 from sigmax.records.units import Dimension
 
@@ -73,6 +73,7 @@ class Record:
         backdrop: the map below the path, or None.
         bias_dimensions: of the components of the model's bias.
         update_first: whether the prior stands at the first time of each track, as in `sigmax.run`.
+        updates: how sensors correct, by name, with filters that say nothing of it themselves.
     """
 
     name: str
@@ -98,14 +99,15 @@ class Record:
     backdrop: Backdrop | None = None
     bias_dimensions: tuple[Dimension, ...] = ()
     update_first: bool = False
+    updates: Mapping[str, Update] = field(default_factory=dict)
 
     @property
     def real(self) -> np.ndarray:
         """Which steps are not padding (B, T)."""
         return np.arange(self.time.shape[1]) < self.steps[:, None]
 
-    def told(self, trial: Trial) -> tuple[Model, Gaussian]:
-        """The model and the prior of a trial: the variances of fixed components of state and bias are 0.
+    def told(self, trial: Trial) -> tuple[Filter, Model, Gaussian]:
+        """Filter, model and prior of a trial: the variances of fixed components of state and bias are 0.
 
         Raises:
             InputError: for a component that the model does not have.
@@ -118,11 +120,12 @@ class Record:
         kept = np.array([name not in trial.fixed for name in names], float)
         n = self.model.size
         prior = Gaussian(self.prior.mean, np.asarray(self.prior.cov) * np.outer(kept[:n], kept[:n]))
+        chosen = with_updates(trial.filter, self.updates)
         if bias is None or kept[n:].all():
-            return self.model, prior
+            return chosen, self.model, prior
         offsets = bias.prior
         known = Gaussian(offsets.mean, np.asarray(offsets.cov) * np.outer(kept[n:], kept[n:]))
-        return self.model.with_bias_prior(known), prior
+        return chosen, self.model.with_bias_prior(known), prior
 
     @property
     def components(self) -> dict[str, Dimension]:
@@ -140,6 +143,13 @@ class Record:
 
 # Parameters are squared, and more.
 _MOST = 1e50
+
+
+def with_updates(filter: Filter, updates: Mapping[str, Update]) -> Filter:
+    """A filter with the updates of a record's sensors, unless it has one of its own."""
+    if filter.update is not None or not updates:
+        return filter
+    return replace(filter, update=BySensor(tuple(updates.items())))
 
 
 def parse_trial(text: str) -> Trial:

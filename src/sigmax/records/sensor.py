@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError, unknown
+from sigmax.filters import Update, named
 from sigmax.models import Sensor, sensors
 from sigmax.records.description import SensorPart
 from sigmax.records.motion import components
@@ -24,6 +25,7 @@ class Sensing(NamedTuple):
         at: where the position it sees stands in the state.
         origin: where it stands itself, None where it moves or is not of this kind.
         kind: its kind.
+        update: how it corrects, None for as the filter does.
     """
 
     sensor: Sensor
@@ -33,6 +35,7 @@ class Sensing(NamedTuple):
     at: tuple[int, ...]
     origin: tuple[float, ...] | None
     kind: str
+    update: Update | None = None
 
 
 _OPTIONS = {
@@ -82,7 +85,18 @@ def read_sensor(
         dimensions = {name: plain or _MEASURED[name] for name in made.measurement}
         inputs = {name: ANGLE if "heading" in name else LENGTH for name in made.inputs}
     R = read_noise(part.noise, dimensions, f"{where}.noise", functions)
-    return Sensing(made, R, dimensions, inputs, at, origin, part.kind)
+    return Sensing(made, R, dimensions, inputs, at, origin, part.kind, _update(part.update, f"{where}.update"))
+
+
+def _update(given: str | None, where: str) -> Update | None:
+    if given is None:
+        return None
+    try:
+        update = named(given)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    assert isinstance(update, Update)
+    return update
 
 
 def _places(names: list[str], state: tuple[str, ...], where: str) -> tuple[int, ...]:

@@ -44,13 +44,13 @@ def check(record: Record, trials: tuple[Trial, ...]) -> None:
         InputError: with the trial or the function of the model that does not fit.
     """
     for trial in trials:
-        model, prior = record.told(trial)
+        filter, model, prior = record.told(trial)
         try:
             # Checks of the engine look at the functions and the first step; the record itself is checked already.
             z = {s: v[:, :1] for s, v in record.z.items()} if isinstance(record.z, dict) else record.z[:, :1]
             inputs = None if record.inputs is None else record.inputs[:, :1]
-            prepare(trial.filter, model, prior, z, record.dt[:, :1], inputs, "float64", record.update_first)
-            for rule in (trial.filter.predict, trial.filter.correct):
+            prepare(filter, model, prior, z, record.dt[:, :1], inputs, "float64", record.update_first)
+            for rule in (filter.predict, filter.correct):
                 if isinstance(rule, SigmaPoints):
                     rule.points(model.size + model.biases)
         except InputError as error:
@@ -65,12 +65,12 @@ def check(record: Record, trials: tuple[Trial, ...]) -> None:
 
 def track(record: Record, trial: Trial) -> Outcome:
     """Run one filter over all tracks of a record; a failure is told in the outcome."""
-    model, prior = record.told(trial)
+    filter, model, prior = record.told(trial)
 
     def once() -> tuple[Result, float]:
         started = time.perf_counter()
         result = run(
-            trial.filter,
+            filter,
             model,
             prior,
             record.z,

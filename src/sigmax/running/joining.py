@@ -6,8 +6,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.errors import InputError
-from sigmax.filters import Filter
+from sigmax.errors import InputError, unknown
+from sigmax.filters import BySensor, Filter
 from sigmax.models.augment import with_bias
 from sigmax.models.checks import enough_memory, is_traced
 from sigmax.models.gaussian import Gaussian
@@ -35,10 +35,26 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
     if not model.space.flat:
         prior = _on_space(model, prior)
         _warn_of_wrapping(filter, model, prior)
+    check_update(filter, model)
     tracks, n = len(prior.mean) if prior.mean.ndim == 2 else 1, model.size + model.biases
     enough_memory(f"a filter of {tracks} tracks", (2.0 * n + n * n) * tracks)
     filter = filter.on(model.biases)
     return filter, *with_bias(model, prior, filter.form.bias_first)
+
+
+def check_update(filter: Filter, model: Model) -> None:
+    """Refuse updates of sensors that the model does not have, or has only as one.
+
+    Raises:
+        InputError: for them.
+    """
+    if not isinstance(filter.update, BySensor):
+        return
+    for sensor, _ in filter.update.updates:
+        if sensor not in model.sensors:
+            raise unknown("sensor", sensor, model.sensors)
+    if model.fusion is not None:
+        raise InputError(f"fused sensors are corrected as one; give one update for all, not {filter.update}")
 
 
 def _warn_of_wrapping(filter: Filter, model: Model, prior: Gaussian) -> None:

@@ -16,6 +16,7 @@ from sigmax.running.covariances import covariances
 from sigmax.running.current import current_model
 from sigmax.running.functions import check_shapes, counted
 from sigmax.running.job import Parts, bind, done, one_step, record, said
+from sigmax.running.joining import check_update
 from sigmax.running.live_xla import advancing, begun
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.native_engine import started
@@ -58,6 +59,7 @@ class RowSteps:
     def __init__(self, filter: Filter | str, model: Model, *, dtype: Any = "float64", backend: str | None = None):
         self.filter, self.dtype, self.backend = as_filter(filter), run_type(dtype), backend
         self._asked, model = model, current_model(model)
+        check_update(self.filter, model)
         check_shapes(model, None, counted(model), self.dtype)
         self.model = cast(model, self.dtype)
         self.packing = lowered(self.filter, self.model, 0, self.dtype).packing

@@ -134,7 +134,7 @@ def correct(
 ) -> tuple[Belief, Innovation, jax.Array]:
     """The belief after a measurement z (m, ...) of one sensor, NaN in it meaning missing."""
     x, S = belief
-    space = model.space
+    space, update = model.space, update_on(filter, model, sensor)
     _, seen = there(model.measured_space(sensor, z.shape[0]), z)
     count = seen.sum(0)
     with jax.named_scope("the noise of the sensor"):
@@ -143,13 +143,13 @@ def correct(
     with jax.named_scope("the sensor, linearised"):
         first = observe()
     with jax.named_scope("the update"):
-        taken, whitened, Sy, weighed = updated(filter, update_on(filter, model), observe, first, count)
+        taken, whitened, Sy, weighed = updated(filter, update, observe, first, count)
     with jax.named_scope("the correction"):
         done = filter.form.correct(S, taken.line, taken.noise, taken.innovation)
     if whitened is None or Sy is None:
         whitened, Sy = done.whitened, done.innovation_factor
     factor = raised(done.factor, ROUNDING * float(np.finfo(x.dtype).eps) * jnp.abs(S).sum(1))
-    if update_on(filter, model).reset:
+    if update.reset:
         factor = reset(space, x, done.shift, factor).factor
     new = _in_domain(model, Belief(space.add(x, done.shift), factor))
     nis = (whitened**2).sum(0)

@@ -14,7 +14,7 @@ import numpy as np
 from sigmax.algebra.arrays import product, times
 from sigmax.algebra.factor import Diagonal, Matrix, add, dense, downdate, identity, raised, solve_lower
 from sigmax.algebra.rotations import rotate
-from sigmax.filters import Filter, Update, Weighed, iterated, once
+from sigmax.filters import BySensor, Filter, Update, Weighed, iterated, once
 from sigmax.forms.noise import noise_factor
 from sigmax.models.evaluate import linearized_sensor
 from sigmax.models.model import Model
@@ -95,12 +95,13 @@ def observing(
     return observe
 
 
-def update_on(filter: Filter, model: Model) -> Update:
-    """The update of a filter on a model: its own, or that of the space where it has none.
+def update_on(filter: Filter, model: Model, sensor: str) -> Update:
+    """The update of a filter for a sensor of a model: its own, or that of the space where it has none.
 
     On a curved space the corrected covariance is seen from the new mean, and so the line has to be about it.
     """
-    return filter.update or (iterated(1) if model.curved else once)
+    own = filter.update.of(sensor) if isinstance(filter.update, BySensor) else filter.update
+    return own or (iterated(1) if model.curved else once)
 
 
 def there(space: Space, z: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -90,10 +90,11 @@ def _evaluations(filter: Filter, model: Model, inputs: np.ndarray | None) -> tup
     for name in model.sensors:
         h = sensing(model, name, x, u)
         angular = model.measured_angular(name, jax.eval_shape(h, x).shape[0])
-        sensors.append(_times(filter.correct, h, n, angular))
+        each = 1 + update_on(filter, model, name).iterations
+        times = _times(filter.correct, h, n, angular)
+        sensors.append(None if times is None else each * times)
     motion = _times(filter.predict, moving(model, x, dt, u), n, model.angular)
-    each = 1 + update_on(filter, model).iterations
-    return motion, None if None in sensors else sum(each * k for k in sensors if k is not None)
+    return motion, None if None in sensors else sum(k for k in sensors if k is not None)
 
 
 def _times(rule: Rule, g: Function, size: int, angular: Sequence[bool], biases: int = 0) -> int | None:
