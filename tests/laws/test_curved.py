@@ -135,7 +135,9 @@ def test_the_other_sign_of_a_quaternion_is_the_same_attitude(name):
 UPDATES = {"by itself": None, "once": sigmax.once, "iterated": sigmax.iterated(2), "student": sigmax.robust("student")}
 
 
-@pytest.mark.parametrize("update", UPDATES)
+@pytest.mark.parametrize(
+    "update", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("once", "iterated"))) for name in UPDATES]
+)
 @pytest.mark.parametrize("filter", ["SREKFB", "CIF", pytest.param("SRPF", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["rotation", pytest.param("product", marks=pytest.mark.slow)])
 def test_every_form_is_the_covariance_form_on_curved_spaces(name, filter, update):
