@@ -349,6 +349,34 @@ def test_functions_of_interval_input_and_estimate():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("what", ["Q beside a function", "matrices"])
+def test_derivatives_go_through_what_functions_of_both_capture(what):
+    """Numbers that end in a function of state and bias together: those beside a noise that is one, and B and F."""
+
+    def likelihood(q):
+        bias = sigmax.Bias(
+            motion=0.1 * jnp.ones((3, 2)) * (q if what == "matrices" else 1.0),
+            sensor=jnp.ones((2, 2)) * (q if what == "matrices" else 1.0),
+            Q=(lambda dt: jnp.ones(2) * dt) if what != "matrices" else None,
+            prior=sigmax.Gaussian(np.zeros(2), np.ones(2)),
+        )
+        noise = jnp.ones(3) * (q if what != "matrices" else 0.1)
+        made = sigmax.Model(
+            motion=lambda x, dt: 0.9 * x,
+            sensor=lambda x: x[:2],
+            Q=noise,
+            R=[1.0, 1.0],
+            state=("a", "b", "c"),
+            bias=bias,
+        )
+        z = np.random.default_rng(0).standard_normal((6, 2))
+        return sigmax.run("EKF", made, sigmax.Gaussian(np.zeros(3), np.ones(3)), z).log_likelihood
+
+    exact = jax.grad(likelihood)(0.3)
+    assert exact == pytest.approx((likelihood(0.3 + 1e-6) - likelihood(0.3 - 1e-6)) / 2e-6, rel=1e-5)
+
+
+@pytest.mark.slow
 def test_derivatives_go_through_a_bias():
     """A noise of the bias is fitted by the likelihood like any other number."""
 

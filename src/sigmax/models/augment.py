@@ -176,7 +176,14 @@ def _noise(Q: Any, Qb: Any, at: _Joint) -> Any:
         a, b = map(dense_noise, parts)
         zero = array.zeros((len(a), len(b)))
         return array.block([[a, zero], [zero.T, b]])
-    return _remembered(_noise_function, *map(_matrix, (Q, Qb)), at)
+    return _remembered(_noise_function, *map(_plain, (Q, Qb)), at)
+
+
+def _plain(Q: Any) -> Any:
+    """A noise as a function, rows of a covariance, or variances: equal ones are the same, but for what is traced."""
+    if not isinstance(Q, Diagonal):
+        return _matrix(Q)
+    return Q.entries if is_traced(Q) else tuple(map(float, Q.entries))
 
 
 @lru_cache(maxsize=256)

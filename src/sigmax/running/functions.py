@@ -125,8 +125,8 @@ def _check_bias(model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Ma
     for s, F in model.bias.sensor.items():
         label = f"the bias F of the sensor {s!r}" if s else "the sensor's bias F"
         wanted += [(label, F, model.measured_space(s, sizes[s]).dim, OF_SENSOR)] if s in sizes else []
-    # Where Q of the state is a function, that of the bias is a part of it.
-    captured = [is_traced(model.bias.Q)]
+    # Where one of the two is a function, the numbers of the other are part of it.
+    captured = [is_traced((model.Q, model.bias.Q))]
     for what, C, rows, allowed in wanted:
         if C is None or (not given and callable(C) and takes(C, what, allowed) == allowed[-1]):
             continue
