@@ -138,9 +138,9 @@ class Study:
         """The model and the prior about `mean` (B, n) that the filters are told of."""
         if self.apart is None or self.apart.bias is None:
             return self.model, Gaussian(mean, self.prior.cov)
-        n = self.apart.size
-        model = self.apart.with_bias_prior(Gaussian(mean[:, n:], self.prior.cov[n:, n:]))
-        return model, Gaussian(mean[:, :n], self.prior.cov[:n, :n])
+        n, d = self.apart.size, self.apart.dim
+        model = self.apart.with_bias_prior(Gaussian(mean[:, n:], self.prior.cov[d:, d:]))
+        return model, Gaussian(mean[:, :n], self.prior.cov[:d, :d])
 
     @property
     def detections(self) -> dict[str, float]:
