@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import sigmax
+from sigmax.models.evaluate import moving
 from sigmax.rules import cubature, gauss_hermite, projected, scaled, sigma_set, simplex
+from sigmax.running.rows import RowSteps
 from tests.laws.problems import DT, Linear
 
 STEPS = 200
@@ -453,3 +455,13 @@ def test_a_covariance_that_negative_weights_make_indefinite_is_told(name, fault)
     assert got.ok.tolist() == [fault == "NONE"]
     assert np.linalg.eigvalsh(got.cov[0]).min() > 0
     assert got.cov[0, 0, 0] > 1
+
+
+def test_what_knows_states_alone_refuses_a_bias_in_words():
+    """Rows, as trackers have them, hold no bias; nothing forgets one."""
+    with pytest.raises(sigmax.InputError, match="augment"):
+        RowSteps("EKF", BIASED)
+    with pytest.raises(sigmax.InputError, match="augment"):
+        sigmax.start(BIASED, record()[:3])
+    with pytest.raises(sigmax.InputError, match="into the state first"):
+        moving(BIASED, np.zeros(3), 1.0, None)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from sigmax.algebra.arrays import Lifted, spread
 from sigmax.algebra.factor import Diagonal, Matrix, cholesky, safe_sqrt
+from sigmax.errors import InputError
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, takes
 from sigmax.rules.charted import linearized
@@ -25,6 +26,7 @@ def linearized_motion(
 
 def moving(model: Model, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Lifted:
     """The motion over dt () or (B,), with inputs (k,) or (k, B), of states with a batch where x has one."""
+    _check_augmented(model)
     arguments = [(dt, 0)] + ([(u, 1)] if model.motion_inputs and u is not None else [])
     return Lifted(model.motion, arguments, x.ndim > 1)
 
@@ -38,8 +40,19 @@ def linearized_sensor(
 
 def sensing(model: Model, sensor: str, x: jax.Array, u: jax.Array | None) -> Lifted:
     """A sensor with inputs (k,) or (k, B), of states with a batch where x has one."""
+    _check_augmented(model)
     arguments = [(u, 1)] if model.sensor_inputs[sensor] and u is not None else []
     return Lifted(model.sensors[sensor], arguments, x.ndim > 1)
+
+
+def _check_augmented(model: Model) -> None:
+    """Nobody may forget a bias: the functions of a model that still has one are not all of it.
+
+    Raises:
+        InputError: where it has.
+    """
+    if model.bias is not None:
+        raise InputError(f"write the bias {list(model.bias.names)} into the state first: sigmax.models.augment(model)")
 
 
 def in_domain(model: Model, batched: bool) -> Lifted | None:

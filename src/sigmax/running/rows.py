@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.native.calls import extension, ready
@@ -53,13 +54,15 @@ class RowSteps:
         backend: as in `run`.
 
     Raises:
-        InputError: where a function of the model that takes no inputs gives a shape that does not fit.
+        InputError: where a function of the model gives a shape that does not fit, or the model has a bias.
     """
 
     def __init__(self, filter: Filter | str, model: Model, *, dtype: Any = "float64", backend: str | None = None):
         self.filter, self.dtype, self.backend = as_filter(filter), run_type(dtype), backend
         self._asked, model = model, current_model(model)
         check_update(self.filter, model)
+        if model.bias is not None:
+            raise InputError(f"rows hold states alone, and {model} has a bias: give sigmax.models.augment(model)")
         check_shapes(model, None, counted(model), self.dtype)
         self.model = cast(model, self.dtype)
         self.packing = lowered(self.filter, self.model, 0, self.dtype).packing
