@@ -15,9 +15,9 @@ from sigmax.spaces import SPACES, Direction, Product, Rotation, conjugate, expon
 from tests.laws.problems import textbook
 
 CURVED = {name: space for name, space in SPACES.items() if not space.flat}
-# What takes its compilers long.
-LARGE = {"pose3", "extended pose"}
-EACH = [pytest.param(name, marks=[pytest.mark.slow] * (name in LARGE)) for name in CURVED]
+# Compilers take some ten seconds for each: two in the quick suite, all in the slow one.
+QUICK = {"rotation", "direction"}
+EACH = [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in CURVED]
 STEPS = 5
 
 
@@ -135,11 +135,18 @@ def test_the_other_sign_of_a_quaternion_is_the_same_attitude(name):
 UPDATES = {"by itself": None, "once": sigmax.once, "iterated": sigmax.iterated(2), "student": sigmax.robust("student")}
 
 
+FORMS = [
+    (name, filter, update)
+    for name in ("rotation", "product")
+    for filter in ("SREKFB", "CIF", "SRPF")
+    for update in UPDATES
+]
+ALWAYS = {("rotation", "SREKFB", "student"), ("rotation", "CIF", "by itself")}
+
+
 @pytest.mark.parametrize(
-    "update", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("once", "iterated"))) for name in UPDATES]
+    ("name", "filter", "update"), [pytest.param(*c, marks=[pytest.mark.slow] * (c not in ALWAYS)) for c in FORMS]
 )
-@pytest.mark.parametrize("filter", ["SREKFB", "CIF", pytest.param("SRPF", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", ["rotation", pytest.param("product", marks=pytest.mark.slow)])
 def test_every_form_is_the_covariance_form_on_curved_spaces(name, filter, update):
     """The textbook's equations on XLA, every form on the native engine: both engines and all forms agree."""
     start, _, z = drawn(name)
