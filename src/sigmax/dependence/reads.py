@@ -160,11 +160,12 @@ def reading(function: Callable[..., Any], n: int, rest: Sequence[Any] = (), dtyp
             _extend(masks, g, hidden)
             made = _hidden(g, call, arrays, masks, hidden, opaque)
         known |= zip(call.outputs, map(boxed, made), strict=True)
+    results = tuple(g.opened(known[line.output]).flat)
     _extend(masks, g, hidden)
     elements = {place: _elements(array, masks) for place, array in known.items()}
     places = {place: _together(found) for place, found in elements.items()}
     carries = {place: _carried(found) for place, found in elements.items()}
-    return Reading(line, n, tuple(g.opened(known[line.output]).flat), masks, places, carries, opaque)
+    return Reading(line, n, results, masks, places, carries, opaque)
 
 
 def _known(g: Graph, place: int, value: Any) -> Array:
