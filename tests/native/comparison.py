@@ -48,7 +48,7 @@ def apart(
     spread, rounding = (
         max(np.abs(m - mean).max() + np.abs(c - cov).max() for m, c in others) for others in (nudged, turned)
     )
-    if not (np.isfinite(mean).all() and np.isfinite(cov).all() and spread < 1e-8):
+    if not (np.isfinite(mean).all() and np.isfinite(cov).all() and spread < 1e-8 and rounding < 1e-3):
         return None
     model, found = sigmax.Model(motion=motion, sensor=dict(sensors), Q=Q, R=R, state=NAMES), []
     for backend in backends:
