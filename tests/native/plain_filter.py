@@ -31,14 +31,29 @@ class Plain:
         self._sensors = {s: self._made(h, 1) for s, h in sensors.items()}
 
     def _made(self, function: Any, others: int) -> tuple[Any, Any]:
-        """The function at many states, and its Jacobian at one."""
-        return jax.jit(jax.vmap(function, in_axes=(0, *[None] * others))), jax.jit(jax.jacfwd(function))
+        """The function at many states, and its derivatives at one along many directions (k, n), as columns (m, k)."""
+
+        def along(x: Any, directions: Any, *rest: Any) -> Any:
+            return jax.vmap(lambda v: jax.jvp(lambda at: function(at, *rest), (x,), (v,))[1], out_axes=1)(directions)
+
+        return jax.jit(jax.vmap(function, in_axes=(0, *[None] * others))), jax.jit(along)
 
     def filtered(
-        self, mean: np.ndarray, cov: np.ndarray, z: Mapping[str, np.ndarray], dt: np.ndarray, u: np.ndarray
+        self,
+        mean: np.ndarray,
+        cov: np.ndarray,
+        z: Mapping[str, np.ndarray],
+        dt: np.ndarray,
+        u: np.ndarray,
+        axes: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Means (T, n) and covariances (T, n, n) after each step; z (T, m) by sensor, NaN where missing."""
+        """Means (T, n) and covariances (T, n, n) after each step; z (T, m) by sensor, NaN where missing.
+
+        Derivatives are taken along orthonormal axes (n, n), one a row, those of the state if nothing is said: the same
+        Jacobian, as far as derivatives are not rounded to a narrower type.
+        """
         x, P = np.array(mean), np.array(cov)
+        self._axes = np.eye(len(x)) if axes is None else axes
         means, covs = [], []
         for k, seconds in enumerate(dt):
             x, P, _ = self._moments(self._motion, x, P, (seconds, u[k]))
@@ -61,7 +76,7 @@ class Plain:
         """Mean, covariance, and covariance with x, of a function of x ~ N(x, P)."""
         value, jacobian = function
         if self.kind == "EKF":
-            J = np.asarray(jacobian(x, *rest))
+            J = np.asarray(jacobian(x, self._axes, *rest)) @ self._axes
             return np.asarray(value(x[None], *rest))[0], J @ P @ J.T, P @ J.T
         n = len(x)
         spread = np.sqrt(n) * np.linalg.cholesky(P)

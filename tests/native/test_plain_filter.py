@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.native.comparison import FILTERS, apart, measurements
+from tests.native.comparison import FILTERS, NAMES, apart, measurements
 from tests.native.compositions import composition, function
 
 jax.config.update("jax_enable_x64", True)
@@ -98,12 +98,43 @@ def test_what_moves_numbers_about_moves_their_uncertainty(kind):
         assert found == [], f"{first}, {second}: {found}"
 
 
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("kind", FILTERS)
-def test_what_sees_nothing_of_the_state_or_gives_nothing_is_a_function_too(kind):
-    def watched(x, u):
-        jax.debug.callback(lambda _: None, x[0])
-        return jnp.stack([jnp.sin(x[0]), x[1] * x[2]])
+def written(x: Any, u: Any) -> Any:
+    """What is written to a reference does not enter it when it is made."""
+    cell = jax.new_ref(jnp.zeros(2))
+    cell[0] = x[0] * x[1]
+    return cell[...] + x[2:] ** 2
 
-    sensors = {"f": lambda x, u: jnp.array([0.5, -0.25]), "g": lambda x, u: jnp.ones(1), "h": watched}
-    assert apart(kind, functions(0)[0], sensors, measurements(dict(f=2, g=1, h=2), 3)) == []
+
+SEEN: list[float] = []
+# Besides what they give, they do something: show it, order it, keep it, write it down.
+EFFECTS = {
+    "shown": lambda x, u: (jax.debug.callback(lambda a: SEEN.append(float(a)), x[0]), jnp.sin(x[:2]))[1],
+    "shown where": lambda x, u: (
+        jax.lax.cond(u[0] > 0, lambda: jax.debug.callback(lambda a: None, x), lambda: None),
+        jnp.sin(x[:2]),
+    )[1],
+    "ordered": lambda x, u: (jax.lax.create_token(), jnp.sin(x[1:3]))[1],
+    "drawn": lambda x, u: x[:2] ** 2 + jax.random.normal(jax.random.split(jax.random.key(0))[1], 2),
+    # Not in every version of JAX.
+    **({"kept": lambda x, u: (jax.lax.dce_sink(x**2), jnp.sin(x[:2]))[1]} if hasattr(jax.lax, "dce_sink") else {}),
+    **({"written": written, "written by a call": jax.jit(written)} if hasattr(jax, "new_ref") else {}),
+}
+
+
+QUICK = {name: EFFECTS[name] for name in ("shown", "written by a call") if name in EFFECTS}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("sensors", [QUICK, pytest.param(EFFECTS, marks=pytest.mark.slow)], ids=["some", "all"])
+def test_what_gives_nothing_orders_or_holds_numbers_leaves_a_filter_right(sensors):
+    SEEN.clear()
+    z = measurements(dict.fromkeys(sensors, 2), 1)
+    assert apart("CKF", lambda x, dt, u: 0.9 * x, sensors, z, backends=("xla",)) == []
+    jax.effects_barrier()
+    # At each point, not at one of them.
+    assert len(set(SEEN)) > 2 * len(NAMES)
+
+
+def test_a_sensor_that_reads_nothing_leaves_a_filter_right():
+    sensors = {"known": lambda x, u: jnp.array([0.5, 0.25]), "input": lambda x, u: 2 * u}
+    assert apart("CKF", lambda x, dt, u: 0.9 * x, sensors, measurements(dict(known=2, input=2), 1)) == []

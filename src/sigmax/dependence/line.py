@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.extend import source_info_util
-from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 
 # Calls whose body is as good as written out in their place; those with derivatives of their own are kept whole.
 _INLINED = ("pjit", "jit", "closed_call", "core_call")
@@ -75,8 +75,8 @@ class Line(NamedTuple):
             return kept[place, level], -1
 
         for call in self.calls:
-            # What gives nothing, such as a print, is called once.
-            level = max((levels[i] for i in call.outputs), default=0)
+            # What gives nothing, such as a print, is done wherever it is given something else.
+            level = max((levels[i] for i in call.outputs or call.inputs), default=0)
             if level == 0:
                 given = [read(i, 1) for i in call.inputs]
                 values = [v if axis is None else v[..., 0] for v, axis in given]
@@ -131,6 +131,9 @@ def _bound(equation: Any, values: Sequence[Any]) -> list[Any]:
     # What goes wrong later is told with the line of the model that it came from.
     with source_info_util.user_context(equation.source_info.traceback, name_stack=names):
         made = equation.primitive.bind(*functions, *values, **parameters)
+    if not equation.outvars:
+        # Of "dce_sink" under vmap JAX gives back the argument.
+        return []
     return list(made) if equation.primitive.multiple_results else [made]
 
 
@@ -143,10 +146,16 @@ def _over_columns(equation: Any, given: Sequence[tuple[Any, int | None]]) -> lis
 
 
 def straightened(closed: ClosedJaxpr) -> Line:
-    """A closed jaxpr of one result with the calls of other functions written out."""
+    """A closed jaxpr of one result with the calls of other functions written out.
+
+    A function that holds a reference or a token is one call: what is written to a reference cannot be seen in places.
+    """
     numbers = count()
     calls: list[Call] = []
     constants: dict[int, Any] = {}
+    if other := _no_array(closed.jaxpr):
+        with source_info_util.user_context(other.source_info.traceback):
+            closed = jax.make_jaxpr(jax.jit(jaxpr_as_fun(closed)))(*closed.in_avals)
 
     def constant(value: Any) -> int:
         place = next(numbers)
@@ -163,7 +172,7 @@ def straightened(closed: ClosedJaxpr) -> Line:
         for equation in jaxpr.eqns:
             inputs = [place(v) for v in equation.invars]
             inner = equation.params.get("jaxpr") if equation.primitive.name in _INLINED else None
-            if isinstance(inner, ClosedJaxpr):
+            if isinstance(inner, ClosedJaxpr) and not _no_array(inner.jaxpr):
                 outputs = walk(inner.jaxpr, inner.consts, inputs, source or equation.source_info)
             else:
                 outputs = [next(numbers) for _ in equation.outvars]
@@ -176,3 +185,12 @@ def straightened(closed: ClosedJaxpr) -> Line:
     arguments = [next(numbers) for _ in closed.jaxpr.invars]
     (output,) = walk(closed.jaxpr, closed.consts, arguments)
     return Line(tuple(calls), constants, tuple(arguments), output)
+
+
+def _no_array(jaxpr: Jaxpr) -> Any:
+    """The first equation that reads or gives something else than arrays, None if there is none."""
+
+    def plain(equation: Any) -> bool:
+        return all(isinstance(v.aval, jax.core.ShapedArray) for v in (*equation.invars, *equation.outvars))
+
+    return next((e for e in jaxpr.eqns if not plain(e)), None)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
 from sigmax.native.folding import folded
@@ -132,13 +133,17 @@ def apply_rule(g: Graph, equation: Any, arguments: Sequence[Array]) -> list[Arra
 
 
 def _applied(g: Graph, equation: Any, arguments: Sequence[Array]) -> list[Array]:
-    name, types = equation.primitive.name, [_dtype(v) for v in equation.invars]
+    name = equation.primitive.name
+    if not all(hasattr(v.aval, "dtype") for v in (*equation.invars, *equation.outvars)):
+        raise Refused(f"the operation {name!r}, which orders others, cannot be lowered to C")
+    types = [_dtype(v) for v in equation.invars]
     all_types = [*types, *(_dtype(v) for v in equation.outvars)]
     integers = any(_kind(t) in "iu" for t in all_types)
     found = (INTEGER_RULES if integers else RULES).get(name)
     arguments = [g.known(a, t) for a, t in zip(arguments, types, strict=True)]
     if all(a.dtype != object for a in arguments) and not (found and found.calls and name not in _RUN):
-        moves = found is not None and found.moves
+        # Keys are moved by JAX, which would trace what is done to them here.
+        moves = found is not None and found.moves and all(isinstance(a, np.ndarray) for a in arguments)
         made = (
             found.function(g, equation, *arguments)
             if found and moves
