@@ -306,7 +306,7 @@ def test_messages_that_do_not_fit_are_refused():
     with pytest.raises(sigmax.InputError, match=r"measures \['left', 'right'\] here, .* of \['x', 'y'\]"):
         sigmax.running.absorb(live, [one._replace(components=("x", "y"))])
     for no_list in ([one.to_json()], one, [None]):
-        with pytest.raises(sigmax.InputError, match=r"a list of sigmax\.Contribution"):
+        with pytest.raises(sigmax.InputError, match=r"a list of sigmax\.running\.Contribution"):
             sigmax.running.absorb(live, no_list)
 
 
