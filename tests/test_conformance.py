@@ -201,7 +201,7 @@ DEGREES = {
     "EKF": 1, "EUKF": 1, "ECKF": 1, "EHCKF": 1, "EIF": 1, "IEKF": 1, "IPLF": 1,
     "SKF": 2, "PF": 2, "SOKF": 2, "PIF": 2, "SOIF": 2,
     "UKF": 3, "CKF": 3, "UIF": 3, "CIF": 3,
-    "HCKF": 5, "GHKF": 5, "HCIF": 5,
+    "HCKF": 5, "GHKF": 5, "HCIF": 5, "TKF": 3,
 }  # fmt: skip
 # The others are for linear models, or for biases.
 CATALOGUE = [(n, d) for n in names() if (d := DEGREES.get(n.removeprefix("SR").removesuffix("B"))) is not None]
