@@ -246,7 +246,8 @@ def smoothed(made, backend):
 
 
 def of_rows(made, backend):
-    steps = RowSteps("EKF", made, backend=backend)
+    # Rows hold states alone: a bias is a part of them.
+    steps = RowSteps("EKF", sigmax.models.augment(made), backend=backend)
     mean = np.array([[2.0, 1.0][: made.size + made.biases]])
     rows, _ = steps.predict(steps.start(mean, np.eye(mean.size)[None]), 1.0)
     return steps.mean(steps.correct(rows, "", Z[:1])[0])

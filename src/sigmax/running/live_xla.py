@@ -70,7 +70,9 @@ class XlaState:
     def _go(self, z: dict[str, Any], dt: Any, R: Any, u: np.ndarray | None) -> dict[str, Innovation]:
         given = Instant(z, dt, self._laid(u), {} if R is None else dict.fromkeys(z, R))
         with failures_raised():
-            self.belief, said, self.fault = self._advance(self._leaves, self.belief, given)
+            done = self._advance(self._leaves, self.belief, given)
+        # Not before it is known that no function of the model has failed: the state stays as it was then.
+        self.belief, said, self.fault = done
         return {s: self._told(told) for s, told in said.items()}
 
     def _cast(self, dt: float) -> np.ndarray:

@@ -61,9 +61,9 @@ class RowSteps:
         self.filter, self.dtype, self.backend = as_filter(filter), run_type(dtype), backend
         self._asked, model = model, current_model(model)
         check_update(self.filter, model)
+        check_shapes(model, None, counted(model), self.dtype)
         if model.bias is not None:
             raise InputError(f"rows hold states alone, and {model} has a bias: give sigmax.models.augment(model)")
-        check_shapes(model, None, counted(model), self.dtype)
         self.model = cast(model, self.dtype)
         self.packing = lowered(self.filter, self.model, 0, self.dtype).packing
         self._lower = np.flatnonzero(np.tri(self.packing.n))
