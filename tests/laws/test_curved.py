@@ -292,8 +292,14 @@ DEVIATION = np.repeat([0.5, 0.02], 3)
 START = sigmax.Gaussian([1.0, 0, 0, 0, 0, 0, 0], DEVIATION**2)
 
 
-@pytest.mark.parametrize("reset", [True, False])
-@pytest.mark.parametrize("filter", ["EKF", "SREKFB", "EIF"])
+@pytest.mark.parametrize(
+    ("filter", "reset"),
+    [
+        pytest.param(f, reset, marks=[pytest.mark.slow] * ((f, reset) not in {("SREKFB", True), ("EIF", False)}))
+        for f in ("EKF", "SREKFB", "EIF")
+        for reset in (True, False)
+    ],
+)
 def test_corrected_once_it_is_the_multiplicative_filter_of_the_textbook(filter, reset):
     _, u, z = flown(2, 200, DEVIATION, 1)
     chosen = sigmax.get(filter, update=Update(reset=reset))
@@ -362,7 +368,7 @@ def by_hand():
     )
 
 
-@pytest.mark.parametrize("filter", ["SREKFB", "TSEKF"])
+@pytest.mark.parametrize("filter", ["TSEKF", pytest.param("SREKFB", marks=pytest.mark.slow)])
 def test_a_bias_of_curved_parts_is_the_state_with_it(filter):
     _, u, z = flown(3, 30, DEVIATION, 4)
     own = sigmax.Gaussian([1.0, 0, 0, 0], DEVIATION[:3] ** 2)

@@ -229,7 +229,9 @@ def slope_of_the_likelihood(name):
     return jax.jit(jax.grad(value, argnums=(0, 1)))
 
 
-@pytest.mark.parametrize("name", ONE_OF_EACH_FORM)
+@pytest.mark.parametrize(
+    "name", [pytest.param(f, marks=[pytest.mark.slow] * (f not in ("SREKFB", "EIF"))) for f in ONE_OF_EACH_FORM]
+)
 def test_gradients_are_finite_at_zero_pivots_and_at_the_floors(name):
     z = np.random.default_rng(1).normal(size=(4, 2))
     for P0 in (np.ones((3, 3)), np.diag([1.0, 0, 2]), 1e12 * np.eye(3), np.eye(3)):

@@ -25,6 +25,10 @@ from sigmax.spaces import (
 )
 
 EACH = pytest.mark.parametrize("space", SPACES.values(), ids=SPACES)
+# The same with the largest left to the slow suite: for what compiles once for each.
+MOST = pytest.mark.parametrize(
+    "space", [pytest.param(s, id=k, marks=[pytest.mark.slow] * (s.dim > 3)) for k, s in SPACES.items()]
+)
 GROUPS = {k: s for k, s in SPACES.items() if isinstance(s, Rotation | Pose2 | Pose3)}
 ANGLES = (0.0, 1e-12, 1e-9, 1e-6, 0.999e-3, 1.001e-3, 1e-2, 0.499, 0.501, 1.0, 2.0, 3.1)
 
@@ -96,7 +100,7 @@ def test_adding_a_difference_reaches_the_other_point(space):
     np.testing.assert_allclose(space.nearest(reached), reached, atol=4e-16)
 
 
-@EACH
+@MOST
 def test_about_its_base_a_difference_is_the_identity_and_straight(space):
     """To second order too: what a rule of second order sees of a chart is no bend."""
     x = points(space, 1)[:, 0]
@@ -230,7 +234,7 @@ def test_a_factor_is_seen_from_the_other_point(space):
     assert (np.diag(made) >= 0).all()
 
 
-@EACH
+@MOST
 def test_numpy_jax_and_c_agree(space):
     """What is computed in C is what JAX computes, with no number that is not finite, also where nothing moves."""
     rng = np.random.default_rng(11)

@@ -160,7 +160,7 @@ def turning(filter, backend=None):
     return sigmax.run(filter, TURNING, start, z, dt=DT, inputs=np.zeros((len(z), 1)), backend=backend)
 
 
-@pytest.mark.parametrize("update", ["iterated", "student", "iterated huber"])
+@pytest.mark.parametrize("update", ["iterated", pytest.param("student", marks=pytest.mark.slow), "iterated huber"])
 @pytest.mark.parametrize("name", ["SREKFB", "SREIF", "SRCKF", "CIF", "PF", "SRUKFB"])
 def test_every_form_is_the_covariance_form_with_every_update(name, update):
     filter = sigmax.get(name, update=UPDATES[update])
@@ -185,7 +185,9 @@ def test_two_stages_are_the_covariance_form_with_every_update(name, update):
     assert np.abs((got.bias_mean - want.bias_mean) / want.bias_std).max() < 1e-9
 
 
-@pytest.mark.parametrize("update", ["iterated", "student", "gate", "iterated huber"])
+@pytest.mark.parametrize(
+    "update", [pytest.param("iterated", marks=pytest.mark.slow), "student", "gate", "iterated huber"]
+)
 def test_a_live_filter_and_a_batch_are_the_record(update):
     filter = sigmax.get("SRCKFB", update=UPDATES[update])
     _, z = drawn(RADAR, RADAR_R, 3, 5, seed=5, outliers=0.3)

@@ -50,10 +50,19 @@ def pairs(every):
         return fitting
     models = list(BUILTIN)
     turned = [(f, models[(k + j) % len(models)]) for k, f in enumerate(sigmax.names()) for j in range(len(models))]
-    # Of degree 5 there are n² points: small models in the quick tests.
-    light = [(f, m) for f, m in turned if (f, m) in fitting and ("HC" not in f or builtin(m).model.size <= 5)]
+    # Small models in the quick tests, and the smallest for what has n² points or derivatives and more.
+    limit = {f: 4 if any(kind in f for kind in ("HC", "GH", "TK")) else 5 for f in sigmax.names()}
+    light = [(f, m) for f, m in turned if (f, m) in fitting and builtin(m).model.size <= limit[f]]
     chosen = dict(reversed(light))
-    return sorted({*chosen.items(), ("KF", "position-cv"), ("SRCKFB", "radar-ct"), ("SREKFB", "rover-beacon")})
+    return sorted(
+        {
+            *chosen.items(),
+            ("KF", "position-cv"),
+            ("SRCKFB", "radar-ct"),
+            ("SRCKFB", "radar-ca"),
+            ("SREKFB", "rover-beacon"),
+        }
+    )
 
 
 def apart(name, filter):
