@@ -132,6 +132,17 @@ def test_what_cannot_be_is_told_in_words(call, says):
         call()
 
 
+def test_a_batch_of_anything_gives_a_prior_for_each():
+    intervals = np.array([0.5, 0.7, 1.1])[:, None] * np.ones(T)
+    found = sigmax.start(PLANE, Z, dt=intervals)
+    for k, dt in enumerate(intervals):
+        alone = sigmax.start(PLANE, Z, dt=dt)
+        np.testing.assert_allclose(found.mean[k], alone.mean, rtol=1e-12)
+        np.testing.assert_allclose(found.cov[k], alone.cov, rtol=1e-12)
+    with pytest.raises(sigmax.InputError, match="differ in size"):
+        sigmax.start(PLANE, np.stack([Z, Z]), dt=intervals)
+
+
 def test_what_is_known_besides_counts_as_a_measurement():
     found = sigmax.start(PLANE, Z[:2], dt=DT, within={"x": 5.0, "vx": 1.0, "vy": 1.0})
     wide = sigmax.Gaussian(np.zeros(4), [25.0, 1e14, 1.0, 1.0])

@@ -287,7 +287,7 @@ def test_a_gate_refuses_and_finds_its_way_back():
 TOGETHER = sigmax.Model(
     motion=straight_on,
     sensor={"radar": radar, "bearings": bearings},
-    Q=RADAR.Q.entries if hasattr(RADAR.Q, "entries") else RADAR.Q,
+    Q=RADAR.Q,
     R={"radar": RADAR_R, "bearings": np.full(2, np.deg2rad(0.5) ** 2)},
     state=("x", "y", "vx", "vy"),
     measurement={"radar": ("r", sigmax.angle("a")), "bearings": (sigmax.angle("b0"), sigmax.angle("b1"))},

@@ -75,7 +75,7 @@ class Line(NamedTuple):
             return kept[place, level], -1
 
         for call in self.calls:
-            # What gives nothing, such as a print, is done wherever it is given something else.
+            # What gives nothing, such as a print, is done at every distinct point of what it reads.
             level = max((levels[i] for i in call.outputs or call.inputs), default=0)
             if level == 0:
                 given = [read(i, 1) for i in call.inputs]

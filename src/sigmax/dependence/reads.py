@@ -160,7 +160,7 @@ def reading(function: Callable[..., Any], n: int, rest: Sequence[Any] = (), dtyp
             _extend(masks, g, hidden)
             made = _hidden(g, call, arrays, masks, hidden, opaque)
         known |= zip(call.outputs, map(boxed, made), strict=True)
-    # Opened before the masks are told: a result that is known to the last number becomes constants here.
+    # Before the masks are made: a result that is known to the last number becomes constants here.
     results = tuple(g.opened(known[line.output]).flat)
     _extend(masks, g, hidden)
     elements = {place: _elements(array, masks) for place, array in known.items()}

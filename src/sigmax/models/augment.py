@@ -16,7 +16,7 @@ from sigmax.models.checks import is_traced
 from sigmax.models.components import Components
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.models.noise import OF_MOTION, OF_SENSOR, arrays_of, by_value, dense_noise, takes
+from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of, arrays_of, by_value, dense_noise, takes
 from sigmax.spaces import Flat, Space, product
 
 
@@ -125,7 +125,7 @@ def _added(space: Space, y: Any, C: Any, b: jax.Array) -> jax.Array:
 def _motion(f: Any, driven: bool, at: _Joint, space: Space, B: Any) -> Any:
     def moved(X: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
         x, b = at.apart(X)
-        C = _of_motion(B, x, dt, u) if callable(B) else B
+        C = B(*arguments_of(B, "B", OF_MOTION, x, dt, u)) if callable(B) else B
         return jnp.concatenate(at.order(_added(space, f(x, dt, *u[:driven]), C, b), b))
 
     if driven or (callable(B) and takes(B, "B", OF_MOTION) == 3):
@@ -137,7 +137,7 @@ def _motion(f: Any, driven: bool, at: _Joint, space: Space, B: Any) -> Any:
 def _sensor(h: Any, driven: bool, at: _Joint, space: Space, F: Any) -> Any:
     def seen(X: jax.Array, *u: jax.Array) -> jax.Array:
         x, b = at.apart(X)
-        C = F(*(x, *u)[: takes(F, "F", OF_SENSOR)]) if callable(F) else F
+        C = F(*arguments_of(F, "F", OF_SENSOR, x, None, u)) if callable(F) else F
         return _added(space, h(x, *u[:driven]), C, b)
 
     if driven or (callable(F) and takes(F, "F", OF_SENSOR) == 2):
@@ -159,11 +159,6 @@ def _of_state(R: Any, at: _Joint) -> Any:
     if takes(R, "R", OF_SENSOR) == 2:
         return lambda X, u: R(at.state(X), u)
     return lambda X: R(at.state(X))
-
-
-def _of_motion(function: Any, x: Any, dt: jax.Array, u: tuple[jax.Array, ...]) -> Any:
-    count = takes(function, "Q", OF_MOTION)
-    return function(dt) if count == 1 else function(*(x, dt, *u)[:count])
 
 
 def _noise(Q: Any, Qb: Any, at: _Joint) -> Any:
@@ -189,8 +184,9 @@ def _plain(Q: Any) -> Any:
 @lru_cache(maxsize=256)
 def _noise_function(Q: Any, Qb: Any, at: _Joint) -> Any:
     def over(part: Any, x: Any, dt: jax.Array, u: tuple[jax.Array, ...]) -> jax.Array:
-        value = _of_motion(part, x, dt, u) if callable(part) else jnp.asarray(part, dt.dtype) * dt
-        return jnp.asarray(value)
+        if callable(part):
+            return jnp.asarray(part(*arguments_of(part, "Q", OF_MOTION, x, dt, u)))
+        return jnp.asarray(part, dt.dtype) * dt
 
     def both(X: Any, dt: Any, *u: Any) -> jax.Array:
         x = None if X is None else at.state(X)

@@ -46,7 +46,7 @@ def sensing(model: Model, sensor: str, x: jax.Array, u: jax.Array | None) -> Lif
 
 
 def _check_augmented(model: Model) -> None:
-    """Nobody may forget a bias: the functions of a model that still has one are not all of it.
+    """Refuse a model that still has a bias, which its functions alone would leave out.
 
     Raises:
         InputError: where it has.

@@ -46,6 +46,16 @@ def takes(function: Callable[..., Any], what: str, allowed: tuple[int, ...]) -> 
     return fitting[0] if required < len(positional) else fitting[-1]
 
 
+def arguments_of(
+    function: Callable[..., Any], what: str, allowed: tuple[int, ...], x: Any, dt: Any, inputs: Sequence[Any]
+) -> tuple[Any, ...]:
+    """The arguments that a noise, or a matrix of a bias, takes of state, interval and inputs (none, or u)."""
+    count = takes(function, what, allowed)
+    if allowed == OF_SENSOR:
+        return (x, *inputs)[:count]
+    return (dt,) if count == 1 else (x, dt, *inputs)[:count]
+
+
 def by_value(given: Any) -> Any:
     """Numbers as the rows of a matrix, so that equal ones give the same function; functions and None as they are."""
     if given is None or callable(given):

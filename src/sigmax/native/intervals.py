@@ -71,8 +71,7 @@ def _of_numbers(operation: str, known: list[Interval]) -> Interval:
         case "integer":
             return min(_whole(a), 0.0), max(_whole(b), 0.0)
         case "floor":
-            # As numbers with a point: an `int` would be exact beyond what a node can hold.
-            return (float(math.floor(a)) if math.isfinite(a) else a), (float(math.floor(b)) if math.isfinite(b) else b)
+            return _below(a), _below(b)
         case "unsigned zero":
             return a, b
         case "sign":
@@ -85,6 +84,11 @@ def _of_numbers(operation: str, known: list[Interval]) -> Interval:
             size = min(max(abs(a), abs(b)), max(abs(c), abs(d)))
             return (-size if a < 0 else 0.0), (size if b > 0 else 0.0)
     return _EVERYTHING
+
+
+def _below(value: float) -> float:
+    # A float as all bounds are: an `int` has no `is_integer` before Python 3.12.
+    return float(math.floor(value)) if math.isfinite(value) else value
 
 
 def _whole(value: float) -> float:

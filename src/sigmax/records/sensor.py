@@ -25,7 +25,7 @@ class Sensing(NamedTuple):
         at: where the position it sees stands in the state.
         origin: where it stands itself, None where it moves or is not of this kind.
         kind: its kind.
-        update: how it corrects, None for as the filter does.
+        update: how it corrects; None where it follows the filter.
     """
 
     sensor: Sensor

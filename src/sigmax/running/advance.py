@@ -29,10 +29,10 @@ class Instant(NamedTuple):
 
 
 class Advanced(NamedTuple):
-    """A step done: the belief, what each sensor said, and the fault (...)."""
+    """What a step gives: the belief, what each sensor said of it, and the fault (...)."""
 
     belief: Belief
-    said: dict[str, Innovation]
+    innovations: dict[str, Innovation]
     fault: Any
 
 
@@ -58,13 +58,14 @@ def advance(filter: Filter, model: Model, root: Matrix | None, belief: Belief, g
 
         belief, fault = moved(belief) if moving is True else jax.lax.cond(moving, moved, stayed, belief)
     sound = fault <= 0
-    said = {}
+    innovations = {}
     # In the model's order: JAX sorts the keys of a dict.
     for sensor in (s for s in model.sensors if s in given.z):
         measured = given.z[sensor] if given.dt is None else jnp.where(sound, given.z[sensor], jnp.nan)
-        belief, said[sensor], failed = _corrected(filter, model, sensor, belief, measured, given, len(given.z) > 1)
+        done = _corrected(filter, model, sensor, belief, measured, given, len(given.z) > 1)
+        belief, innovations[sensor], failed = done
         fault = later(fault, failed)
-    return Advanced(belief, said, fault)
+    return Advanced(belief, innovations, fault)
 
 
 def _corrected(

@@ -14,7 +14,7 @@ from sigmax.errors import InputError
 from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.models.noise import OF_MOTION, OF_SENSOR, takes
+from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of, takes
 from sigmax.native.refusal import user_line
 from sigmax.running.bounds import check_indices
 from sigmax.running.precision import coarse_constants
@@ -48,7 +48,7 @@ def check_functions(
     first_dt = np.asarray(np.ravel(dt)[0], dtype)
     first_u = () if u is None else (np.asarray(u[(0,) * (u.ndim - 1)], dtype),)
     for label, function, allowed, size in _noises(model, driven, sizes):
-        _check_noise(label, function, _taken(function, label, allowed, start, first_dt, first_u), size)
+        _check_noise(label, function, arguments_of(function, label, allowed, start, first_dt, first_u), size)
     return False
 
 
@@ -84,7 +84,7 @@ def check_shapes(model: Model, inputs: int | None, sizes: Mapping[str, int], dty
     if model.bias is not None:
         found += _check_bias(model, x, second, given, sizes)
     for label, function, allowed, _ in _noises(model, bool(given), sizes):
-        found.append(_shape(label, function, _taken(function, label, allowed, x, second, given)).captured)
+        found.append(_shape(label, function, arguments_of(function, label, allowed, x, second, given)).captured)
     return any(found)
 
 
@@ -98,16 +98,6 @@ def _noises(model: Model, driven: bool, sizes: Mapping[str, int]) -> Iterator[tu
     for s, size in sizes.items():
         if callable(model.R[s]) and (driven or not model.sensor_driven(s)):
             yield f"R[{s!r}]" if s else "R", model.R[s], OF_SENSOR, model.measured_space(s, size).dim
-
-
-def _taken(
-    function: Any, what: str, allowed: tuple[int, ...], x: Any, dt: Any, given: tuple[Any, ...]
-) -> tuple[Any, ...]:
-    """The arguments that a noise or a matrix of a bias takes of state, interval and inputs."""
-    count = takes(function, what, allowed)
-    if allowed == OF_SENSOR:
-        return (x, *given)[:count]
-    return (dt,) if count == 1 else (x, dt, *given)[:count]
 
 
 def counted(model: Model) -> dict[str, int]:
@@ -131,7 +121,7 @@ def _check_bias(model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Ma
         if C is None or (not given and callable(C) and takes(C, what, allowed) == allowed[-1]):
             continue
         if callable(C):
-            found = _shape(what, C, _taken(C, what, allowed, x, dt, given))
+            found = _shape(what, C, arguments_of(C, what, allowed, x, dt, given))
             shape = found.shape
             captured.append(found.captured)
         else:

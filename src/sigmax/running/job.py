@@ -13,14 +13,14 @@ from sigmax.running.packing import Packing
 from sigmax.running.step import Innovation
 
 
-class Bound(NamedTuple):
-    """A compiled part of a filter with a model's numbers in it."""
+class BoundStep(NamedTuple):
+    """A compiled part of a filter, bound to the numbers of a model."""
 
     step: Step
     constants: np.ndarray
 
 
-Parts = Mapping[tuple[Any, ...], Bound]
+Parts = Mapping[tuple[Any, ...], BoundStep]
 
 
 class Outputs(NamedTuple):
@@ -47,7 +47,7 @@ class Outputs(NamedTuple):
     innovation: Mapping[str, Innovation] = {}
 
 
-def bind(low: Lowered, model: Model, *parts: tuple[Any, ...]) -> dict[tuple[Any, ...], Bound]:
+def bind(low: Lowered, model: Model, *parts: tuple[Any, ...]) -> dict[tuple[Any, ...], BoundStep]:
     """Compiled parts, see `Lowered.need`, with the numbers of a model.
 
     Raises:
@@ -55,12 +55,12 @@ def bind(low: Lowered, model: Model, *parts: tuple[Any, ...]) -> dict[tuple[Any,
         Unavailable: without a compiler, or where it fails.
     """
     numbers = low.parameters(model)
-    return {part: Bound(step, step.setup(numbers)) for part, step in zip(parts, low.need(*parts), strict=True)}
+    return {part: BoundStep(step, step.setup(numbers)) for part, step in zip(parts, low.need(*parts), strict=True)}
 
 
-def without_numbers(step: Step) -> Bound:
+def without_numbers(step: Step) -> BoundStep:
     """A compiled function that reads no numbers of a model."""
-    return Bound(step, step.setup(np.zeros(1)))
+    return BoundStep(step, step.setup(np.zeros(1)))
 
 
 def record(
@@ -121,7 +121,7 @@ def _sensor(parts: Parts, model: Model, name: str, z: np.ndarray, told: Innovati
     )
 
 
-def said(tracks: int, dim: int, dtype: Any) -> Innovation:
+def empty_innovation(tracks: int, dim: int, dtype: Any) -> Innovation:
     """Arrays for what one step says of a measurement of so many deviations, by track."""
     residual, factor = np.empty((tracks, dim), dtype), np.empty((tracks, dim, dim), dtype)
     return Innovation(residual, factor, np.empty(tracks, dtype), np.empty(tracks, dtype), np.empty(tracks, np.int64))
@@ -136,7 +136,7 @@ def one_step(sensor: str | None, told: Innovation | None, fault: np.ndarray) -> 
 
 def smoothing(
     packing: Packing,
-    back: Bound,
+    back: BoundStep,
     filtered: tuple[np.ndarray, np.ndarray, np.ndarray],
     dt: np.ndarray,
     u: np.ndarray | None,
@@ -162,7 +162,7 @@ def smoothing(
     )
 
 
-def rows(part: Bound, given: np.ndarray, out: np.ndarray) -> Rows:
+def rows(part: BoundStep, given: np.ndarray, out: np.ndarray) -> Rows:
     """A function of rows `given` (B, k), or (k,) for one, whose results go to `out` (B, l) or (l,)."""
     return Rows(
         part.step.address,
@@ -173,6 +173,6 @@ def rows(part: Bound, given: np.ndarray, out: np.ndarray) -> Rows:
     )
 
 
-def done(low: Lowered, what: str, job: ctypes.Structure, tracks: int) -> None:
+def execute(low: Lowered, what: str, job: ctypes.Structure, tracks: int) -> None:
     """Call a function of the driver, "record", "backwards" or "rows", on a job, over all tracks and all cores."""
     over_cores(low.driver[what], job, tracks, low.dtype == np.float32)

@@ -10,7 +10,7 @@ from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.native.calls import ready
 from sigmax.native.driver import Squares, pointer
-from sigmax.running.job import bind, one_step, record, said
+from sigmax.running.job import bind, empty_innovation, one_step, record
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.native_engine import started
 from sigmax.running.step import Belief, Innovation
@@ -123,7 +123,7 @@ class NativeState:
         dt = np.zeros((), self.dtype)
         inputs = np.empty(0 if u is None else u.shape, self.dtype)
         z = np.empty((*tracks, size), self.dtype)
-        told = None if sensor is None else said(B, model.measured_space(sensor, size).dim, self.dtype)
+        told = None if sensor is None else empty_innovation(B, model.measured_space(sensor, size).dim, self.dtype)
         job = record(
             low.packing,
             parts,

@@ -28,8 +28,8 @@ def started(low: Lowered, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.n
     count = 1 if alone else batch
     given, out = (np.empty((count, low.packing.size), low.dtype) for _ in range(2))
     given[:, :points], given[:, points:] = mean, lower
-    part = job.Bound(step, step.setup(np.zeros(sum(z.size for z in low.zeros) + 1)))
-    job.done(low, "rows", job.rows(part, given, out), count)
+    part = job.BoundStep(step, step.setup(np.zeros(sum(z.size for z in low.zeros) + 1)))
+    job.execute(low, "rows", job.rows(part, given, out), count)
     return np.repeat(out, batch, 0) if alone else out
 
 
@@ -68,7 +68,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
     u = None if ready.u is None else np.ascontiguousarray(ready.u)
     parts, dt = job.bind(low, ready.model, *needed), np.ascontiguousarray(ready.dt)
     task = job.record(low.packing, parts, ready.model, state, z, dt, u, out, int(ready.update_first))
-    job.done(low, "record", task, B)
+    job.execute(low, "record", task, B)
     return _kept(out, ready.batch is not None)
 
 
@@ -103,5 +103,5 @@ def smoothed(filter: Filter, model: Model, kept: tuple[Any, Any, Any], dt: Any, 
     out = np.empty_like(mean), np.empty_like(factor), np.empty(fault.shape, np.int8)
     dt, u = np.ascontiguousarray(dt), None if u is None else np.ascontiguousarray(u)
     task = job.smoothing(low.packing, back, (mean, factor, fault), dt, u, out)
-    job.done(low, "backwards", task, task.tracks)
+    job.execute(low, "backwards", task, task.tracks)
     return out

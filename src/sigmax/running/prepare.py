@@ -87,10 +87,7 @@ def prepare(
     given, alone = model, prior
     filter, model, prior = joined(filter, model, prior)
     measured = measurements_of(model, z)
-    steps = {s: v.shape[-2] for s, v in measured.items()}
-    T = next(iter(steps.values()))
-    if len(set(steps.values())) > 1:
-        raise InputError(f"all sensors need the same number of time steps, NaN where one did not report; got {steps}")
+    T = steps_of(measured)
     sizes = {s: v.shape[-1] for s, v in measured.items()}
     # Before anything is laid out; whether the batches fit each other is seen below.
     shapes = [*((v, 3) for v in measured.values()), (prior.mean, 2), (prior.cov, 3), (dt, 2), (inputs, 3)]
@@ -211,6 +208,18 @@ def measurements_of(model: Model, z: Any) -> dict[str, Any]:
             raise InputError(f"{label} has no tracks: its shape is {value.shape}")
         result[s] = value
     return result
+
+
+def steps_of(measured: Mapping[str, Any]) -> int:
+    """The number of time steps of measurements by sensor.
+
+    Raises:
+        InputError: where it is not the same for all.
+    """
+    steps = {s: v.shape[-2] for s, v in measured.items()}
+    if len(set(steps.values())) > 1:
+        raise InputError(f"all sensors need the same number of time steps, NaN where one did not report; got {steps}")
+    return int(next(iter(steps.values())))
 
 
 def _inputs(model: Model, inputs: Any, T: int) -> Any:

@@ -16,7 +16,7 @@ from sigmax.running.backend import attempt
 from sigmax.running.covariances import covariances
 from sigmax.running.current import current_model
 from sigmax.running.functions import check_shapes, counted
-from sigmax.running.job import Parts, bind, done, one_step, record, said
+from sigmax.running.job import Parts, bind, empty_innovation, execute, one_step, record
 from sigmax.running.joining import check_update
 from sigmax.running.live_xla import advancing, begun
 from sigmax.running.lowered import Lowered, lowered
@@ -162,7 +162,7 @@ class RowSteps:
             return state, Innovation(*told), fault
         state, fault = rows.astype(self.dtype), np.zeros(len(rows), np.int8)
         low, job, told = self._job(state, fault, dt, sensor, z, given)
-        done(low, "record", job, len(rows))
+        execute(low, "record", job, len(rows))
         return state, told, fault
 
     def _alone(self, sensor: str | None, z: np.ndarray | None, u: np.ndarray | None) -> Callable[..., Any]:
@@ -195,7 +195,7 @@ class RowSteps:
         """A half-step on rows, in place, and where what it says will be."""
         m = 0 if z is None else self.model.measured_space(str(sensor), z.shape[-1]).dim
         low, parts = self._parts(*self._which(sensor, z, u))
-        told = said(len(state), m, self.dtype)
+        told = empty_innovation(len(state), m, self.dtype)
         job = record(
             self.packing,
             parts,

@@ -17,7 +17,7 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.running.current import current_model
 from sigmax.running.functions import check_functions
-from sigmax.running.prepare import cast, laid_out_steps, measurements_of
+from sigmax.running.prepare import cast, laid_out_steps, measurements_of, steps_of
 from sigmax.running.updating import there
 
 # Below this part of the largest singular value a direction is not determined: a variance 10¹² times that of another.
@@ -58,12 +58,7 @@ def start(
     if model.bias is not None:
         raise InputError("start finds a state; write the bias into it: model = sigmax.models.augment(model)")
     measured = {s: np.asarray(v, float) for s, v in measurements_of(model, z).items()}
-    steps = {v.shape[-2] for v in measured.values()}
-    if len(steps) > 1:
-        raise InputError(
-            f"all sensors need the same number of time steps, NaN where one did not report; got {sorted(steps)}"
-        )
-    (T,) = steps
+    T = steps_of(measured)
     elapsed, u = laid_out_steps(model, dt, inputs, T, np.float64)
     known = _known(model, within)
     if at is None and not model.space.flat:
@@ -71,9 +66,10 @@ def start(
     guess = np.zeros(model.size) if at is None else np.asarray(numbers("at", at), float)
     if guess.shape[-1:] != (model.size,) or guess.ndim > 2:
         raise InputError(f"at must be a state {list(map(str, model.state))}; its shape is {guess.shape}")
-    tracks = {len(v) for v in measured.values() if v.ndim == 3} | ({len(guess)} if guess.ndim == 2 else set())
+    batches = [*((v, 3) for v in measured.values()), (elapsed, 2), (u, 3), (guess, 2)]
+    tracks = {len(a) for a, core in batches if a is not None and a.ndim == core}
     if len(tracks) > 1:
-        raise InputError(f"the batches of z and at differ in size: {sorted(tracks)}")
+        raise InputError(f"the batches of z, dt, inputs and at differ in size: {sorted(tracks)}")
     nearest = np.moveaxis(np.asarray(model.space.nearest(np.moveaxis(guess, -1, 0))), 0, -1)
     sizes = {s: v.shape[-1] for s, v in measured.items()}
     check_functions(model, Gaussian(nearest, np.eye(model.dim)), elapsed, u, sizes, np.float64)
@@ -110,9 +106,9 @@ def _one(model: Model, z: dict[str, Any], dt: Any, u: Any, at: np.ndarray, known
 
     d, T = model.dim, len(dt)
     leaves, structure = jax.tree.flatten(model)
-    residuals, slopes, last = _functions(structure, None if u is None else u.shape[-1], tuple(z), T)
+    residuals, slopes, last = _functions(structure, tuple(z), T)
     given = leaves, z, dt, u, at, known
-    y = np.zeros(d + (T - 1) * d)
+    y = np.zeros(T * d)
     if not np.isfinite(residuals(y, *given)).all():
         raise InputError(
             f"the model is not finite at the state {at.tolist()}; give at=, a state where the search begins"
@@ -126,7 +122,9 @@ def _one(model: Model, z: dict[str, Any], dt: Any, u: Any, at: np.ndarray, known
 
     fit = least_squares(away, y, along, method="trf", xtol=1e-12)
     if not (fit.success and np.isfinite(fit.x).all()):
-        raise InputError(f"the search for a state ended without one ({fit.message}); give at=, a state nearer to it")
+        raise InputError(
+            f"least squares did not converge ({fit.message}); give at=, a state nearer to that of the first measurement"
+        )
     J = along(fit.x)
     _check_rank(model, J, d)
     count = int(sum(np.isfinite(v).sum() for v in z.values()) + (known > 0).sum())
@@ -161,7 +159,7 @@ def _check_rank(model: Model, J: np.ndarray, d: int) -> None:
 
 
 @lru_cache(maxsize=32)
-def _functions(structure: Any, inputs: int | None, sensors: tuple[str, ...], T: int) -> tuple[Callable[..., Any], ...]:
+def _functions(structure: Any, sensors: tuple[str, ...], T: int) -> tuple[Callable[..., Any], ...]:
     """Residuals in standard deviations and their slopes, and the last state with its factor; compiled once."""
 
     def states(y: Any, leaves: Any, dt: Any, u: Any, at: Any) -> tuple[Model, list[Any]]:
@@ -197,7 +195,8 @@ def _functions(structure: Any, inputs: int | None, sensors: tuple[str, ...], T: 
         def end(y: Any) -> Any:
             return states(y, leaves, dt, u, at)[1][-1]
 
-        model, x = states(y, leaves, dt, u, at)[0], end(y)
+        model, found = states(y, leaves, dt, u, at)
+        x = found[-1]
         slope = jax.jacfwd(lambda y: model.space.difference(end(y), jax.lax.stop_gradient(x)))(y)
         return x, jax.scipy.linalg.solve_triangular(R, slope.T, trans=1).T
 

@@ -1,6 +1,7 @@
 """What each filter costs, measured side by side."""
 
 from collections.abc import Callable, Mapping, Sequence
+from math import comb
 from typing import Any, NamedTuple
 
 import jax
@@ -11,7 +12,7 @@ from sigmax.filters import Filter
 from sigmax.models import Model
 from sigmax.models.augment import augment
 from sigmax.models.evaluate import moving, sensing
-from sigmax.rules import Marginal, SigmaPoints, Taylor1, Taylor2
+from sigmax.rules import Marginal, SigmaPoints, Taylor, Taylor1, Taylor2
 from sigmax.rules.linearization import Function, Rule
 from sigmax.running.prepare import prepare
 from sigmax.running.timing import seconds
@@ -103,6 +104,6 @@ def _times(rule: Rule, g: Function, size: int, angular: Sequence[bool], biases: 
     n = size - biases
     if isinstance(rule, SigmaPoints):
         return rule.evaluations(g, size, angular, n)
-    if isinstance(rule, Taylor1):
-        return 1 + n
-    return 1 + n + n * (n + 1) // 2 if isinstance(rule, Taylor2) else None
+    orders = {Taylor1: 1, Taylor2: 2}
+    order = rule.order if isinstance(rule, Taylor) else orders.get(type(rule))
+    return None if order is None else comb(n + order, order)
