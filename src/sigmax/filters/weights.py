@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import gammaincinv, gammaln, ndtr
+from scipy.special import chdtri, fdtrc, gammaincinv, gammaln, ndtr
 
 from sigmax.errors import InputError
 
@@ -28,7 +28,10 @@ class Weighed(NamedTuple):
 
 
 class Weight(Protocol):
-    """A hashable function of e = S_y⁻¹ ν (m, ...), 0 where a component is missing, and of how many are seen (...)."""
+    """A hashable function of e = S_y⁻¹ ν (m, ...), 0 where a component is missing, and of how many are seen (...).
+
+    Where it has a method `chi_square(e)` besides, reports judge a filter by it: see `Student.chi_square`.
+    """
 
     def __call__(self, e: jax.Array, seen: jax.Array) -> Weighed:
         """The weights of one measurement, before it is used."""
@@ -57,6 +60,14 @@ class Student:
         density = _of(volume, seen, e) - (nu + seen) / 2 * jnp.log1p(squared / nu)
         return Weighed(jnp.broadcast_to(weight, e.shape), density)
 
+    def chi_square(self, e: np.ndarray) -> np.ndarray:
+        """|e|² (...) of e (m, ...), NaN where missing, as the chi-square variable that is exceeded as seldom.
+
+        With S_y for its scale e is Student's t, and |e|²/m is F(m, ν).
+        """
+        seen = np.maximum((~np.isnan(e)).sum(0), 1)
+        return chdtri(seen, fdtrc(seen, self.dof, np.nansum(e * e, 0) / seen))
+
 
 @dataclass(frozen=True)
 class Huber:
@@ -79,6 +90,14 @@ class Huber:
         loss = jnp.where(far, c * size - c * c / 2, e * e / 2)
         mass = math.sqrt(2 * math.pi) * (2 * ndtr(c) - 1) + 2 / c * math.exp(-c * c / 2)
         return Weighed(weights, -loss.sum(0) - seen * math.log(mass))
+
+    def chi_square(self, e: np.ndarray) -> np.ndarray:
+        """|e|² (...) of e (m, ...), NaN where missing, as the chi-square variable that is exceeded as seldom."""
+        c, size = self.threshold, np.abs(e)
+        beyond = 2 / c * np.exp(c * c / 2 - c * np.maximum(size, c))
+        within = 2 * math.sqrt(2 * math.pi) * (ndtr(c) - ndtr(np.minimum(size, c)))
+        mass = math.sqrt(2 * math.pi) * (2 * ndtr(c) - 1) + 2 / c * math.exp(-c * c / 2)
+        return np.nansum(chdtri(1, np.minimum((beyond + within) / mass, 1)), 0)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from sigmax.records.find_model import find_model
 from sigmax.records.load import builtin, load, load_plots
 from sigmax.records.plots import PlotRecord
 from sigmax.records.record import Backdrop, Record, Trial, parse_trial, with_updates
-from sigmax.records.tracking import Outcome, check, track
+from sigmax.records.tracking import Outcome, check, robust_trial, track
 from sigmax.records.userfile import functions_allowed_from
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "load",
     "load_plots",
     "parse_trial",
+    "robust_trial",
     "track",
     "with_updates",
 ]

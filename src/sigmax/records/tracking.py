@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from sigmax.rules import SigmaPoints
 from sigmax.running.prepare import prepare
 from sigmax.running.result import Result
 from sigmax.running.run import run
+from sigmax.running.tails import fit_tails
+from sigmax.running.weighing import weight_on
 
 _KEPT = ("mean", "factor", "fault", "nis", "dof")
 # A run longer than this is not repeated to measure it without its compilation.
@@ -63,9 +66,22 @@ def check(record: Record, trials: tuple[Trial, ...]) -> None:
             ) from error
 
 
+def robust_trial(record: Record, trial: Trial) -> Trial | None:
+    """A trial with a Student update for each sensor of heavy tails, see `fit_tails`; None where none gains by it."""
+    filter, model, prior = record.told(trial)
+    if model.fusion is not None or any(weight_on(filter, model, sensor) is not None for sensor in model.sensors):
+        return None
+    given: dict[str, Any] = {"dt": record.dt, "inputs": record.inputs, "update_first": record.update_first}
+    found = fit_tails(filter, model, prior, record.z, **given)
+    return None if found == filter else Trial(f"{trial.name}, {found.update}", found, trial.fixed)
+
+
 def track(record: Record, trial: Trial) -> Outcome:
     """Run one filter over all tracks of a record; a failure is told in the outcome."""
     filter, model, prior = record.told(trial)
+    # Innovations are large, and only what weighs them is asked of them.
+    weighs = any(weight_on(filter, model, sensor) is not None for sensor in model.sensors)
+    kept = (*_KEPT, "innovation") if weighs else _KEPT
 
     def once() -> tuple[Result, float]:
         started = time.perf_counter()
@@ -77,7 +93,7 @@ def track(record: Record, trial: Trial) -> Outcome:
             dt=record.dt,
             inputs=record.inputs,
             update_first=record.update_first,
-            keep=_KEPT,
+            keep=kept,
         )
         # Looking at the numbers waits for them.
         np.asarray(result.mean)

@@ -2,8 +2,9 @@
 
 from sigmax.reports.folder import check_folder, write
 from sigmax.reports.followed import Followed
+from sigmax.reports.grade import Grade, grade
 from sigmax.reports.score import Score, score
 from sigmax.reports.tracks_folder import write_tracks
-from sigmax.reports.verdict import Grade, grade, verdict
+from sigmax.reports.verdict import verdict
 
 __all__ = ["Followed", "Grade", "Score", "check_folder", "grade", "score", "verdict", "write", "write_tracks"]

@@ -15,11 +15,12 @@ import sigmax
 from sigmax.errors import InputError
 from sigmax.leftovers import clear_leftovers
 from sigmax.records import Outcome, Record
+from sigmax.reports.grade import grade
 from sigmax.reports.page import page
 from sigmax.reports.replaced import replaced
 from sigmax.reports.score import Score
 from sigmax.reports.told import told
-from sigmax.reports.verdict import grade, verdict
+from sigmax.reports.verdict import verdict
 
 FILES = ("estimates.parquet", "summary.json", "report.html")
 
@@ -136,6 +137,7 @@ def _one(score: Score) -> dict[str, Any]:
         "constants": {n: {"mean": m, "std": s} for n, (m, s) in (score.constants or {}).items()},
         "measurements": score.measurements,
         "log_likelihood": score.log_likelihood,
+        "weights": {sensor: w._asdict() for sensor, w in (score.weighed or {}).items()},
         "faults": score.faults,
         "first_fault": score.first_fault or None,
         "failure": score.failure or None,

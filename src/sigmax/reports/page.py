@@ -23,10 +23,23 @@ from sigmax.reports.document import (
     section,
     settings,
     small,
+    table,
 )
-from sigmax.reports.figures import Figure, Shown, colour, component_figure, limit, nis_figure, path_figure, shown_in
+from sigmax.reports.figures import (
+    Figure,
+    Shown,
+    colour,
+    component_figure,
+    limit,
+    nis_figure,
+    path_figure,
+    shown_in,
+    weights_figure,
+)
+from sigmax.reports.grade import Grade, grade
 from sigmax.reports.score import Score
-from sigmax.reports.verdict import RULES, Grade, best, grade, nis_in_words, significant, verdict
+from sigmax.reports.verdict import RULES, best, nis_in_words, significant, verdict
+from sigmax.reports.weighed import Weighed
 
 # Tracks whose components are drawn; the folder's estimates hold all of them.
 _TRACKS = 24
@@ -51,6 +64,10 @@ def page(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -
         if found is not None:
             figures["nis"], window = found
             sections.append(_nis(window, len(record.tracks)))
+        weights = weights_figure(record, ran)
+        if weights is not None:
+            figures["weights"] = weights
+            sections.append(_weights(scores))
     sections += [
         _settings(record, outcomes, scores),
         data(record.source, record.licence, (*record.doubts, *record.notes)),
@@ -168,6 +185,24 @@ def _nis(window: int, tracks: int) -> str:
         f"measurement{pooled}. An honest filter stays about 1, mostly within the grey band (95 %).",
         place("nis", "nis"),
     )
+
+
+def _weights(scores: Sequence[Score]) -> str:
+    rows = [
+        [dotted(s.label, colour(i)), escape(sensor), f"{w.measurements:,}", _share(w.lowered, w), _share(w.refused, w)]
+        for i, s in enumerate(scores)
+        for sensor, w in (s.weighed or {}).items()
+    ]
+    heads = ("filter", "sensor", "measurements", "less than half their weight", "refused")
+    return section(
+        "What was not taken in full",
+        "The weight of each measurement: a robust update divides its variance by it. 1 counts in full, 0 is refused.",
+        table(heads, rows) + place("weights", "weights"),
+    )
+
+
+def _share(count: int, of: Weighed) -> str:
+    return small(f"{count:,}", f"{100 * count / max(of.measurements, 1):.1f} %")
 
 
 def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> str:

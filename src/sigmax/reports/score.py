@@ -12,6 +12,7 @@ from sigmax.models.noise import takes
 from sigmax.records import Outcome, Record
 from sigmax.reports.shares import outside_if, ratio_bounds, share_bounds
 from sigmax.reports.told import told
+from sigmax.reports.weighed import Weighed, judged_nis, refused, weighed
 from sigmax.running import Fault, Result
 
 # The probability that a Gaussian is more than 4 σ off, and the share of steps of which so much is too much.
@@ -44,6 +45,7 @@ class Score:
         log_likelihood: of all tracks together.
         faults: number of steps that were not sound.
         first_fault: the first of them in words.
+        weighed: by sensor, where the filter weighs its measurements.
         constants: mean and standard deviation at the end of components without noise and of the bias; of a single
             track only.
         seconds: the run.
@@ -68,6 +70,7 @@ class Score:
     log_likelihood: float | None = None
     faults: int = 0
     first_fault: str = ""
+    weighed: dict[str, Weighed] | None = None
     constants: dict[str, tuple[float, float]] | None = None
     seconds: float | None = None
     compile_seconds: float | None = None
@@ -87,6 +90,7 @@ def score(record: Record, outcome: Outcome) -> Score:
     place = list(record.position)
     dof = result.dof[real]
     heard = dof > 0
+    nis = judged_nis(result)
     count, total = int(heard.sum()), int(dof.sum())
     bounds = (float(chdtri(total, 0.975)) / count, float(chdtri(total, 0.025)) / count) if count else None
     faults, first = _faults(record, result)
@@ -95,28 +99,30 @@ def score(record: Record, outcome: Outcome) -> Score:
         label=label,
         rmse_position_m=rms(np.sqrt((error[:, place] ** 2).sum(1))) if place and known[place].all() else None,
         rmse={str(n): value for n, value in rmse.items()},
-        mean_nis=float(result.nis[real][heard].mean()) if count else None,
+        mean_nis=float(nis[real][heard].mean()) if count else None,
         expected_nis=total / count if count else None,
         nis_bounds=bounds,
         measurements=count,
         components=total,
-        **misses(record.real, result.nis, result.dof),
+        **misses(record.real, nis, result.dof, refused(record, result)),
         log_likelihood=float(np.sum(result.log_likelihood)),
         faults=faults,
         first_fault=first,
+        weighed=weighed(record, result) or None,
         constants=_constants(record, result),
         seconds=outcome.seconds,
         compile_seconds=outcome.compile_seconds,
     )
 
 
-def misses(real: np.ndarray, nis: np.ndarray, dof: np.ndarray) -> dict[str, Any]:
+def misses(real: np.ndarray, nis: np.ndarray, dof: np.ndarray, refused: np.ndarray | None = None) -> dict[str, Any]:
     """What the NIS says beyond its mean, as fields of a `Score`: of tails, and of misses that come in stretches.
 
     Args:
         real: which steps are not padding (B, T).
         nis: (B, T), NaN where nothing was measured.
         dof: degrees of freedom (B, T).
+        refused: steps whose measurements a gate refused (B, T): they have no NIS, and count as large misses in a row.
     """
     heard = (dof > 0) & real
     nis, dof = nis[heard].astype(float), dof[heard].astype(float)
@@ -131,6 +137,11 @@ def misses(real: np.ndarray, nis: np.ndarray, dof: np.ndarray) -> dict[str, Any]
     narrow = outer < outside_if(0.5, 0.5, dof).mean() and ratio_bounds(nis.sum(), dof.sum(), _MISS)[0] > 0.5
     size = np.full(real.shape, np.nan)
     size[heard] = np.clip(ndtri(chdtr(dof, nis)), -3.0, 3.0)
+    if refused is not None:
+        size[refused & real & ~heard] = 3.0
+    if ratio < 1:
+        # Misses that are all smaller than claimed are alike without lasting.
+        size -= np.nanmean(size)
     pairs = size[:, 1:] * size[:, :-1]
     pairs = pairs[np.isfinite(pairs)]
     together = float(pairs.sum() / np.nansum(size**2)) if len(pairs) else 0.0

@@ -1,93 +1,31 @@
 """The numbers in words, by rules that are stated on the page."""
 
 from collections.abc import Sequence
-from enum import Enum
 from math import ceil, log10, sqrt
 
+from sigmax.reports.grade import NEAR, Grade, explains_away, grade, needed
 from sigmax.reports.score import Score
-from sigmax.reports.shares import ratio_bounds
 
-# Real sensors are never exactly what a model says: this factor on the mean NIS is let pass.
-_NEAR = 1.5
 _EQUAL = 1.01
 _LIKELIHOOD = 1.0
 
 RULES = (
     "The NIS of a step weighs the miss of a measurement by the covariance the filter claims for it. "
     "The mean of an honest filter is the number of measured components, within bounds that hold for 95 of 100.",
-    f"Within the bounds a filter is consistent; up to a factor of {_NEAR} beside what is expected it is plausible, "
+    f"Within the bounds a filter is consistent; up to a factor of {NEAR} beside what is expected it is plausible, "
     "which is as much as real sensors allow. Beyond that it is too optimistic, and its covariance cannot be believed, "
     "or too cautious: it can be used, but claims more error than it makes. Where the number of measurements does not "
     "tell (with 99 %) on which side of that factor a filter is, the verdict is not known.",
     "A mean says nothing of single misses. Tails are heavy if more than one step in a thousand surely misses by more "
     "than 4 σ (of a Gaussian: one in 16 000), or if most misses are surely much smaller than the rest: noises that "
     "were raised until the mean fits, over outliers, show so.",
+    "Where an update expects tails, as Student's and Huber's do, a miss is judged by that distribution: it counts as a "
+    "Gaussian miss that is as rare. Where such a filter's misses come one after another, it is too optimistic whatever "
+    "the mean: outliers come singly, and it weighs down what its model lacks.",
     "The advice is the filter of the smallest position RMSE (without truth: of the largest likelihood) among those "
     "that are consistent or plausible and had no faults, else among those with heavy tails or too much caution; "
     "filters within 1 % of it (a log-likelihood within 1) count as equally good.",
 )
-
-
-class Grade(Enum):
-    """How far a filter's own covariance can be believed."""
-
-    CONSISTENT = "consistent"
-    NEAR = "plausible"
-    HEAVY = "heavy tails"
-    CAUTIOUS = "too cautious"
-    UNKNOWN = "not known"
-    OPTIMISTIC = "too optimistic"
-    FAULTY = "broke down"
-    FAILED = "failed"
-
-    @property
-    def believable(self) -> bool:
-        """Whether its covariance is what it says."""
-        return self in (Grade.CONSISTENT, Grade.NEAR)
-
-    @property
-    def usable(self) -> bool:
-        """Whether it can be advised where none is believable: its errors are not larger than it claims."""
-        return self in (Grade.HEAVY, Grade.CAUTIOUS)
-
-
-def grade(score: Score) -> Grade:
-    """The grade of a filter by its NIS and its faults."""
-    if score.failure:
-        return Grade.FAILED
-    if score.faults:
-        return Grade.FAULTY
-    if score.mean_nis is None or score.nis_ratio is None or score.nis_bounds is None:
-        return Grade.UNKNOWN
-    return _by_ratio(score, *score.nis_ratio)
-
-
-def _by_ratio(score: Score, low: float, high: float) -> Grade:
-    assert score.nis_bounds is not None
-    assert score.mean_nis is not None
-    if low > _NEAR:
-        return Grade.OPTIMISTIC
-    if score.heavy:
-        return Grade.HEAVY
-    if high < 1 / _NEAR:
-        return Grade.CAUTIOUS
-    if low < 1 / _NEAR or high > _NEAR:
-        return Grade.UNKNOWN
-    least, most = score.nis_bounds
-    return Grade.CONSISTENT if least <= score.mean_nis <= most else Grade.NEAR
-
-
-def needed(score: Score) -> int | None:
-    """How many measured components would tell how far a filter can be believed; None if more than is reasonable."""
-    if score.nis_ratio is None or score.mean_nis is None or score.expected_nis is None:
-        return None
-    ratio = score.mean_nis / score.expected_nis
-    for count in (int(k * 10**e) for e in range(1, 6) for k in (1, 1.5, 2, 3, 5, 7)):
-        if count > score.components:
-            low, high = ratio_bounds(ratio * count, count, 0.005)
-            if low > _NEAR or high < 1 / _NEAR or (low >= 1 / _NEAR and high <= _NEAR):
-                return count
-    return None
 
 
 def best(scores: Sequence[Score]) -> Score | None:
@@ -104,6 +42,12 @@ def _merit(score: Score) -> float:
     if score.rmse_position_m is not None:
         return score.rmse_position_m
     return -(score.log_likelihood or 0.0)
+
+
+def heaviest(scores: Sequence[Score]) -> Score | None:
+    """The filter by which robust updates are looked for: the best of those with heavy tails that weigh nothing yet."""
+    heavy = [s for s in scores if s.heavy and not s.weighed and not s.failure and not s.faults]
+    return min(heavy, key=_merit) if heavy and best(scores) not in [s for s in scores if not s.heavy] else None
 
 
 def _as_good(score: Score, chosen: Score) -> bool:
@@ -174,11 +118,17 @@ def _sentence(score: Score) -> str:
     seen = (
         f"{score.label}: mean NIS {significant(score.mean_nis)} against an expected {significant(score.expected_nis)}"
     )
-    return " ".join([_of_the_mean(score, graded, seen), *_of_single_misses(score)])
+    return " ".join([_of_the_mean(score, graded, seen), *_of_single_misses(score), *_of_weights(score)])
 
 
 def _of_the_mean(score: Score, graded: Grade, seen: str) -> str:
     factor = sqrt((score.mean_nis or 0.0) / (score.expected_nis or 1.0))
+    if explains_away(score):
+        return (
+            f"{seen}, but its misses come one after another (correlation {significant(score.stretches or 0.0, 2)}), as "
+            "outliers do not: it weighs down what its model lacks, such as a manoeuvre or an offset. "
+            "Its covariance cannot be believed."
+        )
     if graded is Grade.CONSISTENT:
         return f"{seen}, within its bounds: its covariance can be believed."
     if graded is Grade.NEAR:
@@ -217,11 +167,20 @@ def _of_single_misses(score: Score) -> list[str]:
         steps = f"{score.beyond:,} of {score.measurements:,} steps miss by more than 4 σ"
         said.append(f"{steps}{kurtosis}.")
     above = score.nis_bounds is not None and (score.mean_nis or 0.0) > score.nis_bounds[1]
-    if score.stretches is not None and above:
+    if score.stretches is not None and above and not score.weighed:
         said.append(
             f"Large misses come one after another (correlation {significant(score.stretches, 2)}): something that "
             "lasts is not in the model, such as an offset."
         )
+    return said
+
+
+def _of_weights(score: Score) -> list[str]:
+    """What a filter that weighs measurements made of them."""
+    said = []
+    for sensor, w in (score.weighed or {}).items():
+        of = f"{w.measurements:,} measurements{f' of {sensor}' if sensor else ''}"
+        said.append(f"Of {of} it refused {w.refused:,} and took {w.lowered:,} with less than half their weight.")
     return said
 
 

@@ -9,6 +9,8 @@ from sigmax.running.run import run
 from sigmax.running.smooth import smooth
 from sigmax.running.start import start
 from sigmax.running.step import Fault
+from sigmax.running.tails import fit_tails
+from sigmax.running.weighing import weights
 
 __all__ = [
     "Contribution",
@@ -20,7 +22,9 @@ __all__ = [
     "absorb",
     "contribution",
     "fit",
+    "fit_tails",
     "run",
     "smooth",
     "start",
+    "weights",
 ]

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from sigmax.filters import Weight
 from sigmax.models.model import Model
 from sigmax.spaces import Space
 
@@ -17,6 +18,7 @@ class Layout(NamedTuple):
         bias: names of the components of the bias.
         bias_first: whether the bias stands before the state in what was stored, rather than behind it.
         fusion: how each sensor was fused with the others, by its name.
+        weights: what weighs the measurements of a sensor, by the name that it has in what was stored.
     """
 
     state: tuple[str, ...]
@@ -26,6 +28,7 @@ class Layout(NamedTuple):
     bias: tuple[str, ...] = ()
     bias_first: bool = False
     fusion: tuple[tuple[str, str], ...] = ()
+    weights: tuple[tuple[str, Weight | None], ...] = ()
 
     @classmethod
     def of(cls, model: Model, batched: bool, bias_first: bool) -> "Layout":

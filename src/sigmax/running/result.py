@@ -13,6 +13,7 @@ from sigmax.models.checks import by_name, is_traced, numbers
 from sigmax.running.covariances import covariances
 from sigmax.running.layout import Layout
 from sigmax.running.step import Fault, Innovation
+from sigmax.running.weighing import weights
 from sigmax.spaces import errors
 
 # What a run can keep.
@@ -209,19 +210,29 @@ class Result(Smoothed):
     @property
     def innovation(self) -> Any:
         """Z − ẑ (…, T, m), angles in [-π, π], NaN where missing; a dict by sensor where there are several."""
-        return self._by_sensor(lambda i: self._out(i.residual, "innovation"))
+        return self._by_sensor(lambda told, _: self._out(told.residual, "innovation"))
 
     @property
     def innovation_cov(self) -> Any:
         """Covariances of the innovations (…, T, m, m); a dict by sensor where there are several."""
 
-        def covariance(told: Innovation) -> Any:
+        def covariance(told: Innovation, _: str) -> Any:
             return covariances(self._out(told.factor, "innovation_cov"))
 
         return self._by_sensor(covariance)
 
+    @property
+    def weight(self) -> Any:
+        """Weights ω (…, T, m) of measured components in a robust update; a dict by sensor where there are several.
+
+        The variances of a measurement are divided by them: 1 where it counted in full, 0 where it was refused, NaN
+        where it was missing or a step failed. Computed from the innovations when asked for.
+        """
+        by = dict(self.layout.weights)
+        return self._by_sensor(lambda told, sensor: weights(by[sensor], told))
+
     def _by_sensor(self, show: Any) -> Any:
         if self.stored_innovations is None:
             raise InputError("innovation was not kept; add it to keep= in run")
-        shown = {sensor: show(told) for sensor, told in self.stored_innovations.items()}
+        shown = {sensor: show(told, sensor) for sensor, told in self.stored_innovations.items()}
         return shown if self.layout.several else next(iter(shown.values()))

@@ -92,7 +92,7 @@ def _check_layout(model: Model, ran: Layout, bias_first: bool) -> None:
         raise InputError(f"the model is not that of the run, whose {what}")
     if here.several != ran.several:
         raise InputError("the model is not that of the run: one has a sensor, the other several by name")
-    if here != ran._replace(fusion=()):
+    if here.bias_first != ran.bias_first:
         raise InputError("model and filter are not those of the run: state and bias stand in another order")
 
 

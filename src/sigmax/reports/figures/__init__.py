@@ -4,5 +4,16 @@ from sigmax.reports.figures.components import component_figure
 from sigmax.reports.figures.draw import Figure, Shown, colour, limit, shown_in
 from sigmax.reports.figures.nis import nis_figure
 from sigmax.reports.figures.path import path_figure
+from sigmax.reports.figures.weights import weights_figure
 
-__all__ = ["Figure", "Shown", "colour", "component_figure", "limit", "nis_figure", "path_figure", "shown_in"]
+__all__ = [
+    "Figure",
+    "Shown",
+    "colour",
+    "component_figure",
+    "limit",
+    "nis_figure",
+    "path_figure",
+    "shown_in",
+    "weights_figure",
+]

@@ -8,6 +8,7 @@ from scipy.special import chdtri
 from sigmax.records import Record
 from sigmax.reports.figures.draw import MUTED, Figure, Shown, colour, limit, line, moments, plain, result_of, time_title
 from sigmax.reports.thin import stride, thin
+from sigmax.reports.weighed import judged_nis
 
 
 def nis_figure(record: Record, ran: Sequence[Shown]) -> tuple[Figure, int] | None:
@@ -22,7 +23,7 @@ def nis_figure(record: Record, ran: Sequence[Shown]) -> tuple[Figure, int] | Non
             continue
         # Tracks and sensors that report at the same time are one.
         when, at = np.unique(record.time[heard], return_inverse=True)
-        nis, dof = (np.bincount(at, v[heard].astype(float)) for v in (result.nis, result.dof))
+        nis, dof = (np.bincount(at, v[heard].astype(float)) for v in (judged_nis(result), result.dof))
         window = max(len(when) // 40, min(10, len(when)))
         sums = [_moving(v, window) for v in (nis, dof)]
         y, when = sums[0] / sums[1], when[window - 1 :]

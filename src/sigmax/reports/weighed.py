@@ -1,0 +1,70 @@
+"""How much of its measurements a robust filter took, by sensor."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sigmax.records import Record
+from sigmax.running import Result
+from sigmax.running.weighing import whitened
+
+# What counts as taken by less than half.
+_HALF = 0.5
+
+
+class Weighed(NamedTuple):
+    """The measurements of one sensor by the weight that they had; of the smallest weight of their components.
+
+    Attributes:
+        measurements: how many there were.
+        lowered: how many had less than half of their weight, those refused left out.
+        refused: how many were not used at all.
+    """
+
+    measurements: int
+    lowered: int
+    refused: int
+
+
+def least_weights(record: Record, result: Result) -> dict[str, np.ndarray]:
+    """By sensor that is weighed: the smallest weight of a measurement's components (B, T), NaN where there is none."""
+    by_sensor = dict(result.layout.weights)
+    if not any(by_sensor.values()):
+        return {}
+    found: Any = result.weight
+    shown = found if result.layout.several else dict.fromkeys(by_sensor, found)
+    return {
+        sensor: np.where(record.real & ~np.isnan(w).all(-1), np.fmin.reduce(w, axis=-1), np.nan)
+        for sensor, w in shown.items()
+        if by_sensor[sensor] is not None
+    }
+
+
+def refused(record: Record, result: Result) -> np.ndarray:
+    """Steps (B, T) with a measurement that was not used at all."""
+    found = [w == 0 for w in least_weights(record, result).values()]
+    return np.any(found, axis=0) if found else np.zeros(record.real.shape, bool)
+
+
+def judged_nis(result: Result) -> np.ndarray:
+    """NIS (B, T), where an update has a distribution of its own as the chi-square variable exceeded as seldom.
+
+    A miss that Student's t expects once in a thousand measurements counts as a Gaussian miss of that kind.
+    """
+    own = {s: square for s, w in result.layout.weights if (square := getattr(w, "chi_square", None)) is not None}
+    nis = np.asarray(result.nis)
+    if not own:
+        return nis
+    squares = np.zeros(nis.shape)
+    for sensor, innovation in result.stored_innovations.items():
+        e = np.moveaxis(whitened(innovation), -1, 0)
+        squares += own[sensor](e) if sensor in own else np.nansum(e * e, 0)
+    return np.where(np.isnan(nis), np.nan, squares)
+
+
+def weighed(record: Record, result: Result) -> dict[str, Weighed]:
+    """Counts by sensor; of sensors whose update weighs nothing there are none."""
+    return {
+        sensor: Weighed(int(np.isfinite(w).sum()), int(((w > 0) & (w < _HALF)).sum()), int(np.count_nonzero(w == 0)))
+        for sensor, w in least_weights(record, result).items()
+    }
