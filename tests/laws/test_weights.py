@@ -117,7 +117,14 @@ def test_a_record_without_outliers_keeps_its_filter(seed):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"), [({"degrees": ()}, "at least one"), ({"keep": ("mean",)}, "belongs to run")]
+    ("options", "message"),
+    [
+        ({"degrees": ()}, "at least one"),
+        ({"degrees": (4, -1)}, "above 0"),
+        ({"degrees": "four"}, "degrees"),
+        ({"degrees": [[1.0, 2.0]]}, "at least one"),
+        ({"keep": ("mean",)}, "belongs to run"),
+    ],
 )
 def test_tails_of_nothing_are_a_message(options, message):
     names, prior = ("gps",), sigmax.Gaussian([0.0, 0.0], [1.0, 1e-3])

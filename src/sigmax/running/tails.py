@@ -8,6 +8,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filters import BySensor, Filter, Update, robust
+from sigmax.models.checks import numbers
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.running.prepare import as_filter
@@ -42,8 +43,9 @@ def fit_tails(
     It runs the record once for each of the degrees and sensors, and compiles as often.
     """
     chosen = as_filter(filter)
-    if not len(degrees):
-        raise InputError("degrees must hold at least one number above 0 to choose from; it is empty")
+    choices = np.atleast_1d(numbers("degrees", degrees)).astype(float)
+    if choices.ndim != 1 or not choices.size or not (choices > 0).all():
+        raise InputError(f"degrees must hold at least one number above 0 to choose from; it is {degrees!r}")
     if "keep" in options:
         raise InputError("fit_tails gives a filter, not a result: keep= belongs to run")
     if model.fusion is not None:
@@ -52,7 +54,7 @@ def fit_tails(
     best, most = dict(own), _likelihood(chosen, model, prior, z, options)
     for sensor, update in own.items():
         bare = replace(update, weight=None)
-        tried = [best | {sensor: robust("student", bare, dof=float(dof))} for dof in degrees]
+        tried = [best | {sensor: robust("student", bare, dof=float(dof))} for dof in choices]
         gained = [_likelihood(_with(chosen, updates), model, prior, z, options) for updates in tried]
         top = int(np.argmax(gained))
         if gained[top] > most + _WORTH:
