@@ -1,17 +1,16 @@
 """Reports of robust filters: one is looked for where tails are heavy, and what it did not take in full is shown."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from sigmax.cli import main
 from sigmax.records import Outcome, load, parse_trial, robust_trial, track
 from sigmax.reports import Grade, grade, score
 from tests.browser import opened
+from tests.test_cli import cli
 
 DESCRIPTION = """
 data = "r.csv"
@@ -33,8 +32,6 @@ position_from = "gps"
 vx = { mean = 0, std = "2 m/s" }
 vy = { mean = 0, std = "2 m/s" }
 """
-
-
 TIMES = np.arange(400) * 0.5
 
 
@@ -56,14 +53,7 @@ def described(folder: Path, path: np.ndarray, share: float, rng: np.random.Gener
 def reported(folder: Path, share: float) -> tuple[dict, str]:
     """The summary and the page of a record with outliers."""
     rng = np.random.default_rng(7)
-    described(folder, straight(rng), share, rng)
-    old, sys.argv = sys.argv, ["sigmax", "track", str(folder / "r.toml"), "--out", str(folder / "out")]
-    try:
-        with pytest.raises(SystemExit) as end:
-            main()
-        assert not end.value.code
-    finally:
-        sys.argv = old
+    assert cli("track", described(folder, straight(rng), share, rng), "--out", str(folder / "out")) == 0
     return json.loads((folder / "out/summary.json").read_text()), (folder / "out/report.html").read_text()
 
 

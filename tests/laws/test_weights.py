@@ -6,6 +6,7 @@ from scipy import stats
 
 import sigmax
 from sigmax.filters import WEIGHTS, BySensor, Huber, Student
+from sigmax.reports.weighed import judged_nis
 from sigmax.running import fit_tails, weights
 from tests.laws.test_updates import PRIOR, RADAR, RADAR_R, drawn
 
@@ -130,3 +131,16 @@ def test_tails_of_nothing_are_a_message(options, message):
     names, prior = ("gps",), sigmax.Gaussian([0.0, 0.0], [1.0, 1e-3])
     with pytest.raises(sigmax.InputError, match=message):
         fit_tails("EKF", line(names), prior, measured(0, names, bad=()), **options)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_gate_refused_is_not_judged(seed):
+    """Beside a sensor judged by Student's t, a gate's refusals count as little as in the NIS."""
+    names, prior = ("gps", "radio"), sigmax.Gaussian([0.0, 0.0], [1.0, 1e-3])
+    chosen = sigmax.get("SRCKFB", update={"gps": "gate", "radio": "student(2)"})
+    got = sigmax.run(chosen, line(names), prior, measured(seed, names, bad=("gps",)))
+    e2 = {n: (got.innovation[n] ** 2 / got.innovation_cov[n][..., 0])[..., 0] for n in names}
+    refused = got.dof == 1
+    assert 20 < refused.sum() < 80
+    as_rare = stats.chi2(1).isf(2 * stats.t(2).sf(np.sqrt(e2["radio"])))
+    assert np.allclose(judged_nis(got), as_rare + np.where(refused, 0, e2["gps"]), rtol=1e-9)

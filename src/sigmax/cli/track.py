@@ -19,7 +19,7 @@ from sigmax.records.load import description_of
 from sigmax.records.read_table import is_table
 from sigmax.records.suggest import propose
 from sigmax.reports import Grade, Score, check_folder, grade, score, verdict, write
-from sigmax.reports.verdict import heaviest, nis_in_words, significant
+from sigmax.reports.verdict import best_of_heavy_tails, nis_in_words, significant
 
 # Seconds of a run that is repeated to find robust updates.
 _QUICK = 5.0
@@ -60,11 +60,13 @@ def track_record(name: str | Record, filters: Sequence[str], out: Path | None, d
             outcomes.append(track(record, trial))
             progress.advance(task)
         scores = [score(record, outcome) for outcome in outcomes]
-        progress.update(task, description="heavy tails: a robust update for each sensor")
-        more = _robust(record, outcomes, scores)
-        if more is not None:
-            outcomes.append(more[0])
-            scores.append(more[1])
+        heavy = best_of_heavy_tails(scores)
+        if heavy is not None:
+            progress.update(task, description="heavy tails: a robust update for each sensor")
+            more = _robust(record, outcomes[scores.index(heavy)])
+            if more is not None:
+                outcomes.append(more[0])
+                scores.append(more[1])
         progress.update(task, description="writing the report")
         if any(outcome.result is not None for outcome in outcomes):
             write(folder, record, outcomes, scores)
@@ -80,12 +82,8 @@ def track_record(name: str | Record, filters: Sequence[str], out: Path | None, d
         raise SystemExit(NO_RESULT)
 
 
-def _robust(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> tuple[Outcome, Score] | None:
-    """A filter with heavy tails with robust updates, where no other is advised: if it runs quickly, and helps."""
-    chosen = heaviest(scores)
-    if chosen is None:
-        return None
-    outcome = next(o for o, s in zip(outcomes, scores, strict=True) if s is chosen)
+def _robust(record: Record, outcome: Outcome) -> tuple[Outcome, Score] | None:
+    """The trial of an outcome with robust updates: if it runs quickly, and its covariance can be believed then."""
     trial = robust_trial(record, outcome.trial) if outcome.seconds < _QUICK else None
     if trial is None:
         return None

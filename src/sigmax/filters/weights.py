@@ -88,16 +88,20 @@ class Huber:
         far = size > c
         weights = jnp.where(far, c / jnp.where(far, size, 1), 1)
         loss = jnp.where(far, c * size - c * c / 2, e * e / 2)
-        mass = math.sqrt(2 * math.pi) * (2 * ndtr(c) - 1) + 2 / c * math.exp(-c * c / 2)
-        return Weighed(weights, -loss.sum(0) - seen * math.log(mass))
+        return Weighed(weights, -loss.sum(0) - seen * math.log(self._mass))
 
     def chi_square(self, e: np.ndarray) -> np.ndarray:
         """|e|² (...) of e (m, ...), NaN where missing, as the chi-square variable that is exceeded as seldom."""
         c, size = self.threshold, np.abs(e)
         beyond = 2 / c * np.exp(c * c / 2 - c * np.maximum(size, c))
         within = 2 * math.sqrt(2 * math.pi) * (ndtr(c) - ndtr(np.minimum(size, c)))
-        mass = math.sqrt(2 * math.pi) * (2 * ndtr(c) - 1) + 2 / c * math.exp(-c * c / 2)
-        return np.nansum(chdtri(1, np.minimum((beyond + within) / mass, 1)), 0)
+        return np.nansum(chdtri(1, np.minimum((beyond + within) / self._mass, 1)), 0)
+
+    @property
+    def _mass(self) -> float:
+        """What the density of a component has to be divided by."""
+        c = self.threshold
+        return float(math.sqrt(2 * math.pi) * (2 * ndtr(c) - 1) + 2 / c * math.exp(-c * c / 2))
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.filters import Filter
+from sigmax.models.model import Model
 from sigmax.native.refusal import user_line
 from sigmax.records.record import Record, Trial
 from sigmax.rules import SigmaPoints
@@ -14,7 +16,7 @@ from sigmax.running.prepare import prepare
 from sigmax.running.result import Result
 from sigmax.running.run import run
 from sigmax.running.tails import fit_tails
-from sigmax.running.weighing import weight_on
+from sigmax.running.updating import update_on
 
 _KEPT = ("mean", "factor", "fault", "nis", "dof")
 # A run longer than this is not repeated to measure it without its compilation.
@@ -66,10 +68,14 @@ def check(record: Record, trials: tuple[Trial, ...]) -> None:
             ) from error
 
 
+def _weighs(filter: Filter, model: Model) -> bool:
+    return any(update_on(filter, model, sensor).weight is not None for sensor in model.sensors)
+
+
 def robust_trial(record: Record, trial: Trial) -> Trial | None:
     """A trial with a Student update for each sensor of heavy tails, see `fit_tails`; None where none gains by it."""
     filter, model, prior = record.told(trial)
-    if model.fusion is not None or any(weight_on(filter, model, sensor) is not None for sensor in model.sensors):
+    if model.fusion is not None or _weighs(filter, model):
         return None
     given: dict[str, Any] = {"dt": record.dt, "inputs": record.inputs, "update_first": record.update_first}
     found = fit_tails(filter, model, prior, record.z, **given)
@@ -80,8 +86,7 @@ def track(record: Record, trial: Trial) -> Outcome:
     """Run one filter over all tracks of a record; a failure is told in the outcome."""
     filter, model, prior = record.told(trial)
     # Innovations are large, and only what weighs them is asked of them.
-    weighs = any(weight_on(filter, model, sensor) is not None for sensor in model.sensors)
-    kept = (*_KEPT, "innovation") if weighs else _KEPT
+    kept = (*_KEPT, "innovation") if _weighs(filter, model) else _KEPT
 
     def once() -> tuple[Result, float]:
         started = time.perf_counter()

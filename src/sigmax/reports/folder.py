@@ -137,7 +137,7 @@ def _one(score: Score) -> dict[str, Any]:
         "constants": {n: {"mean": m, "std": s} for n, (m, s) in (score.constants or {}).items()},
         "measurements": score.measurements,
         "log_likelihood": score.log_likelihood,
-        "weights": {sensor: w._asdict() for sensor, w in (score.weighed or {}).items()},
+        "weights": {sensor: w._asdict() for sensor, w in score.weighed.items()},
         "faults": score.faults,
         "first_fault": score.first_fault or None,
         "failure": score.failure or None,

@@ -191,7 +191,7 @@ def _weights(scores: Sequence[Score]) -> str:
     rows = [
         [dotted(s.label, colour(i)), escape(sensor), f"{w.measurements:,}", _share(w.lowered, w), _share(w.refused, w)]
         for i, s in enumerate(scores)
-        for sensor, w in (s.weighed or {}).items()
+        for sensor, w in s.weighed.items()
     ]
     heads = ("filter", "sensor", "measurements", "less than half their weight", "refused")
     return section(

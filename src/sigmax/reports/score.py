@@ -1,6 +1,6 @@
 """What a trial is worth, in numbers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ from sigmax.models.noise import takes
 from sigmax.records import Outcome, Record
 from sigmax.reports.shares import outside_if, ratio_bounds, share_bounds
 from sigmax.reports.told import told
-from sigmax.reports.weighed import Weighed, judged_nis, refused, weighed
+from sigmax.reports.weighed import Weighed, judged_nis, least_weights, refused, weighed
 from sigmax.running import Fault, Result
 
 # The probability that a Gaussian is more than 4 σ off, and the share of steps of which so much is too much.
@@ -70,7 +70,7 @@ class Score:
     log_likelihood: float | None = None
     faults: int = 0
     first_fault: str = ""
-    weighed: dict[str, Weighed] | None = None
+    weighed: dict[str, Weighed] = field(default_factory=dict)
     constants: dict[str, tuple[float, float]] | None = None
     seconds: float | None = None
     compile_seconds: float | None = None
@@ -90,7 +90,7 @@ def score(record: Record, outcome: Outcome) -> Score:
     place = list(record.position)
     dof = result.dof[real]
     heard = dof > 0
-    nis = judged_nis(result)
+    nis, least = judged_nis(result), least_weights(record, result)
     count, total = int(heard.sum()), int(dof.sum())
     bounds = (float(chdtri(total, 0.975)) / count, float(chdtri(total, 0.025)) / count) if count else None
     faults, first = _faults(record, result)
@@ -104,11 +104,11 @@ def score(record: Record, outcome: Outcome) -> Score:
         nis_bounds=bounds,
         measurements=count,
         components=total,
-        **misses(record.real, nis, result.dof, refused(record, result)),
+        **misses(record.real, nis, result.dof, refused(least)),
         log_likelihood=float(np.sum(result.log_likelihood)),
         faults=faults,
         first_fault=first,
-        weighed=weighed(record, result) or None,
+        weighed=weighed(least),
         constants=_constants(record, result),
         seconds=outcome.seconds,
         compile_seconds=outcome.compile_seconds,

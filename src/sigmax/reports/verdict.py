@@ -44,10 +44,13 @@ def _merit(score: Score) -> float:
     return -(score.log_likelihood or 0.0)
 
 
-def heaviest(scores: Sequence[Score]) -> Score | None:
-    """The filter by which robust updates are looked for: the best of those with heavy tails that weigh nothing yet."""
+def best_of_heavy_tails(scores: Sequence[Score]) -> Score | None:
+    """The best filter with heavy tails that weighs nothing yet, None where one without them is advised."""
+    chosen = best(scores)
+    if chosen is not None and not chosen.heavy:
+        return None
     heavy = [s for s in scores if s.heavy and not s.weighed and not s.failure and not s.faults]
-    return min(heavy, key=_merit) if heavy and best(scores) not in [s for s in scores if not s.heavy] else None
+    return min(heavy, key=_merit, default=None)
 
 
 def _as_good(score: Score, chosen: Score) -> bool:
@@ -178,7 +181,7 @@ def _of_single_misses(score: Score) -> list[str]:
 def _of_weights(score: Score) -> list[str]:
     """What a filter that weighs measurements made of them."""
     said = []
-    for sensor, w in (score.weighed or {}).items():
+    for sensor, w in score.weighed.items():
         of = f"{w.measurements:,} measurements{f' of {sensor}' if sensor else ''}"
         said.append(f"Of {of} it refused {w.refused:,} and took {w.lowered:,} with less than half their weight.")
     return said

@@ -1,12 +1,13 @@
 """How much of its measurements a robust filter took, by sensor."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sigmax.records import Record
 from sigmax.running import Result
-from sigmax.running.weighing import whitened
+from sigmax.running.weighing import weights, whitened
 
 # What counts as taken by less than half.
 _HALF = 0.5
@@ -40,10 +41,9 @@ def least_weights(record: Record, result: Result) -> dict[str, np.ndarray]:
     }
 
 
-def refused(record: Record, result: Result) -> np.ndarray:
-    """Steps (B, T) with a measurement that was not used at all."""
-    found = [w == 0 for w in least_weights(record, result).values()]
-    return np.any(found, axis=0) if found else np.zeros(record.real.shape, bool)
+def refused(least: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Steps (B, T) with a measurement that was not used at all, by `least_weights`; None where nothing is weighed."""
+    return np.any([w == 0 for w in least.values()], axis=0) if least else None
 
 
 def judged_nis(result: Result) -> np.ndarray:
@@ -51,20 +51,22 @@ def judged_nis(result: Result) -> np.ndarray:
 
     A miss that Student's t expects once in a thousand measurements counts as a Gaussian miss of that kind.
     """
-    own = {s: square for s, w in result.layout.weights if (square := getattr(w, "chi_square", None)) is not None}
-    nis = np.asarray(result.nis)
-    if not own:
+    by_sensor, nis = dict(result.layout.weights), np.asarray(result.nis)
+    if not any(hasattr(weight, "chi_square") for weight in by_sensor.values()):
         return nis
     squares = np.zeros(nis.shape)
     for sensor, innovation in result.stored_innovations.items():
         e = np.moveaxis(whitened(innovation), -1, 0)
-        squares += own[sensor](e) if sensor in own else np.nansum(e * e, 0)
+        own = getattr(by_sensor[sensor], "chi_square", None)
+        # As in the NIS itself, what was refused does not count.
+        unused = (weights(by_sensor[sensor], innovation) == 0).any(-1)
+        squares += np.where(unused, 0, np.nansum(e * e, 0) if own is None else own(e))
     return np.where(np.isnan(nis), np.nan, squares)
 
 
-def weighed(record: Record, result: Result) -> dict[str, Weighed]:
-    """Counts by sensor; of sensors whose update weighs nothing there are none."""
+def weighed(least: Mapping[str, np.ndarray]) -> dict[str, Weighed]:
+    """Counts by sensor, by `least_weights`; of sensors whose update weighs nothing there are none."""
     return {
         sensor: Weighed(int(np.isfinite(w).sum()), int(((w > 0) & (w < _HALF)).sum()), int(np.count_nonzero(w == 0)))
-        for sensor, w in least_weights(record, result).items()
+        for sensor, w in least.items()
     }

@@ -16,7 +16,7 @@ from sigmax.running.backend import attempt
 from sigmax.running.fusing import how, with_members
 from sigmax.running.prepare import Prepared, as_filter, prepare
 from sigmax.running.result import PARTS, Result
-from sigmax.running.weighing import weight_on
+from sigmax.running.updating import update_on
 
 
 def run(
@@ -71,7 +71,7 @@ def run(
         lambda: native_engine.filtered(kept, ready),
         lambda: xla_engine.filtered(kept, ready, traced),
     )
-    layout = ready.layout._replace(weights=tuple((s, weight_on(ready.filter, ready.model, s)) for s in ready.z))
+    layout = ready.layout._replace(weights=tuple((s, update_on(ready.filter, ready.model, s).weight) for s in ready.z))
     if ready.fused is not None:
         total, parts = with_members(parts, total, ready.fused)
         layout = layout._replace(fusion=how(ready.filter, model))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.filters import BySensor, Filter, Update, robust
+from sigmax.filters import Filter, Update, by_sensor, robust
 from sigmax.models.checks import numbers
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
@@ -64,7 +64,7 @@ def fit_tails(
 
 def _with(filter: Filter, updates: dict[str, Update]) -> Filter:
     (first, *more) = updates.values()
-    update = BySensor(tuple(updates.items())) if more else first
+    update = by_sensor(updates) if more else first
     return replace(filter, update=update, name=f"{filter.name}, {update}")
 
 

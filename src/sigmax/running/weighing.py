@@ -6,16 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import solve_triangular
 
-from sigmax.filters import Filter, Weight
+from sigmax.filters import Weight
 from sigmax.models.checks import is_traced
-from sigmax.models.model import Model
 from sigmax.running.step import Innovation
-from sigmax.running.updating import update_on
-
-
-def weight_on(filter: Filter, model: Model, sensor: str) -> Weight | None:
-    """The weight of a filter for a sensor of a model, None where its update takes all that is measured."""
-    return update_on(filter, model, sensor).weight
 
 
 def weights(weight: Weight | None, innovation: Innovation) -> Any:

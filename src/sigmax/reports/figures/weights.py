@@ -22,9 +22,9 @@ def weights_figure(record: Record, ran: Sequence[Shown]) -> Figure | None:
             when, w = record.time[heard][order], weight[heard][order]
             few = thin(w, points)
             name = f"{label}, {sensor}" if sensor else label
-            data.append(line(name, moments(record, when[few]), w[few], colour(index), width=1))
-            symbol = len(data) - 1
-            data[-1] |= {"mode": "markers", "marker": {"size": 5, "color": colour(index), "symbol": symbol % 8}}
+            marker = {"size": 5, "color": colour(index), "symbol": len(data) % 8}
+            points_of = line(name, moments(record, when[few]), w[few], colour(index), width=1)
+            data.append(points_of | {"mode": "markers", "marker": marker})
     if not data:
         return None
     layout = {
