@@ -97,7 +97,7 @@ class _Told(NamedTuple):
 def _run(filter: Filter, model: Model, prior: Gaussian, rows: Rows, dtype: Any) -> _Told:
     z = rows.z if model.several else rows.z[""]
     result = run(filter, model, prior, z, dt=rows.dt, inputs=rows.u, dtype=dtype)
-    mean, factor, fault = result.kept()
+    mean, factor, fault, _ = result.kept()
     return _Told(mean, factor, result.nis, ~(fault > 0))
 
 

@@ -1,6 +1,6 @@
 """A filter is four parts; any combination works."""
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from types import FunctionType
 
@@ -58,6 +58,23 @@ class Filter:
 
     def __str__(self) -> str:
         return self.name
+
+
+@dataclass(frozen=True)
+class ModeFilters(Filter):
+    """The filters of the modes of a switching model, in their order; its own parts are those of the first.
+
+    Attributes:
+        modes: a filter for each mode.
+    """
+
+    modes: tuple[Filter, ...] = ()
+
+    @classmethod
+    def of(cls, modes: Sequence[Filter]) -> "ModeFilters":
+        """The filters as one."""
+        first, names = modes[0], list(dict.fromkeys(f.name for f in modes))
+        return cls(first.predict, first.correct, first.form, ", ".join(names), False, None, tuple(modes))
 
 
 def _said(given: object) -> str:

@@ -7,9 +7,11 @@ from sigmax.models.components import angle, direction, extended_pose, part, pose
 from sigmax.models.derivatives import with_derivatives
 from sigmax.models.fusion import fused
 from sigmax.models.gaussian import Gaussian
+from sigmax.models.imm import imm
 from sigmax.models.model import Model
 from sigmax.models.opaque import opaque
 from sigmax.models.parts import Motion, Sensor
+from sigmax.models.switching import SwitchingModel
 from sigmax.models.terrain import Elevation, inertial_errors, radio_altimeter
 
 __all__ = [
@@ -19,11 +21,13 @@ __all__ = [
     "Model",
     "Motion",
     "Sensor",
+    "SwitchingModel",
     "angle",
     "augment",
     "direction",
     "extended_pose",
     "fused",
+    "imm",
     "inertial_errors",
     "motions",
     "opaque",

@@ -160,6 +160,12 @@ class Model:
         bias.prior, made.bias = prior, bias
         return made
 
+    def with_noise(self, sensor: str, R: Noise) -> "Model":
+        """The model with another noise of a sensor."""
+        made = copy.copy(self)
+        made.R = {**self.R, sensor: R}
+        return made
+
     def measured_space(self, sensor: str, size: int) -> Space:
         """Where what a sensor measures lives, which gives `size` numbers."""
         own = self.measured[sensor]

@@ -64,7 +64,10 @@ class Record(ctypes.Structure):
         *((k, Series) for k in ("dt", "u")),
         ("sensors", ctypes.c_long),
         ("sensor", ctypes.POINTER(Sensor)),
-        *((k, ctypes.c_void_p) for k in ("state", "total", "mean", "factor", "nis", "log_likelihood", "fault", "dof")),
+        *(
+            (k, ctypes.c_void_p)
+            for k in ("state", "total", "mean", "factor", "nis", "log_likelihood", "fault", "dof", "rest")
+        ),
         ("moving_from", ctypes.c_long),
     ]
 
@@ -75,8 +78,8 @@ class Smoothing(ctypes.Structure):
     _fields_ = [
         *((k, ctypes.c_long) for k in ("tracks", "steps", "points", "n", "size")),
         *((k, ctypes.c_void_p) for k in ("back", "c")),
-        *((k, Series) for k in ("mean", "factor", "fault", "dt", "u")),
-        *((k, ctypes.c_void_p) for k in ("new_mean", "new_factor", "failed")),
+        *((k, Series) for k in ("mean", "factor", "rest", "fault", "dt", "u")),
+        *((k, ctypes.c_void_p) for k in ("new_mean", "new_factor", "new_rest", "failed")),
     ]
 
 

@@ -1,15 +1,13 @@
 """One step of a record as a pure function: the motion, then what each sensor measured."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from sigmax.algebra.factor import Matrix
-from sigmax.filters import Filter
-from sigmax.models.model import Model
-from sigmax.running.step import Belief, Innovation, correct, later, predict
+from sigmax.running.half_steps import HalfSteps
+from sigmax.running.step import Innovation, later
 
 
 class Instant(NamedTuple):
@@ -31,18 +29,17 @@ class Instant(NamedTuple):
 class Advanced(NamedTuple):
     """What a step gives: the belief, what each sensor said of it, and the fault (...)."""
 
-    belief: Belief
+    belief: Any
     innovations: dict[str, Innovation]
     fault: Any
 
 
-def advance(filter: Filter, model: Model, root: Matrix | None, belief: Belief, given: Instant, moving: Any) -> Advanced:
+def advance(steps: HalfSteps, sensors: Iterable[str], belief: Any, given: Instant, moving: Any) -> Advanced:
     """The belief a step later. What is measured where the motion failed is not heard.
 
     Args:
-        filter: the filter.
-        model: without a bias.
-        root: `noise_root(model.Q)`.
+        steps: the filter's half-steps.
+        sensors: of the model, in its order.
         belief: of the step before.
         given: of this step.
         moving: whether the motion is done, where that differs from step to step; True where it is always.
@@ -50,37 +47,36 @@ def advance(filter: Filter, model: Model, root: Matrix | None, belief: Belief, g
     fault = jnp.zeros(belief.mean.shape[1:], jnp.int8)
     if given.dt is not None:
 
-        def moved(belief: Belief) -> tuple[Belief, jax.Array]:
-            return predict(filter, model, root, belief, given.dt, given.u)
+        def moved(belief: Any) -> tuple[Any, jax.Array]:
+            return steps.predict(belief, given.dt, given.u)
 
-        def stayed(belief: Belief) -> tuple[Belief, jax.Array]:
+        def stayed(belief: Any) -> tuple[Any, jax.Array]:
             return belief, fault
 
         belief, fault = moved(belief) if moving is True else jax.lax.cond(moving, moved, stayed, belief)
     sound = fault <= 0
     innovations = {}
     # In the model's order: JAX sorts the keys of a dict.
-    for sensor in (s for s in model.sensors if s in given.z):
+    for sensor in (s for s in sensors if s in given.z):
         measured = given.z[sensor] if given.dt is None else jnp.where(sound, given.z[sensor], jnp.nan)
-        done = _corrected(filter, model, sensor, belief, measured, given, len(given.z) > 1)
+        done = _corrected(steps, sensor, belief, measured, given, len(given.z) > 1)
         belief, innovations[sensor], failed = done
         fault = later(fault, failed)
     return Advanced(belief, innovations, fault)
 
 
 def _corrected(
-    filter: Filter, model: Model, sensor: str, belief: Belief, z: Any, given: Instant, skip: bool
-) -> tuple[Belief, Innovation, jax.Array]:
+    steps: HalfSteps, sensor: str, belief: Any, z: Any, given: Instant, skip: bool
+) -> tuple[Any, Innovation, jax.Array]:
     """A correction; where there are several sensors, one that nobody heard from in this step costs nothing."""
 
-    def heard(belief: Belief) -> tuple[Belief, Innovation, jax.Array]:
-        R = given.R.get(sensor)
-        return correct(filter, model, sensor, model.R[sensor] if R is None else R, belief, z, given.u)
+    def heard(belief: Any) -> tuple[Any, Innovation, jax.Array]:
+        return steps.correct(sensor, given.R.get(sensor), belief, z, given.u)
 
     if not skip:
         return heard(belief)
 
-    def silent(belief: Belief) -> tuple[Belief, Innovation, jax.Array]:
+    def silent(belief: Any) -> tuple[Any, Innovation, jax.Array]:
         _, said, fault = jax.eval_shape(heard, belief)
         empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), said)
         missing = empty._replace(residual=jnp.full_like(empty.residual, jnp.nan), nis=jnp.full_like(empty.nis, jnp.nan))

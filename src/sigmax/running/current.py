@@ -18,6 +18,7 @@ import jax
 from sigmax.errors import InputError
 from sigmax.models.model import Model
 from sigmax.models.noise import signature
+from sigmax.models.switching import SwitchingModel
 from sigmax.running.reading import read
 
 _MOST = 512
@@ -69,6 +70,10 @@ def current_model(model: Model) -> Model:
         InputError: where it is something else.
     """
     check_model(model)
+    if isinstance(model, SwitchingModel):
+        switching = model.with_models([current_model(m) for m in model.models])
+        switching.transition = _if_function(model.transition)
+        return switching
     made = object.__new__(Model)
     made.__dict__.update(
         model.__dict__,

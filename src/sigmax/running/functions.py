@@ -15,6 +15,7 @@ from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of, takes
+from sigmax.models.switching import SwitchingModel
 from sigmax.native.refusal import user_line
 from sigmax.running.bounds import check_indices
 from sigmax.running.precision import coarse_constants
@@ -44,6 +45,13 @@ def check_functions(
     captured = check_shapes(model, u.shape[-1] if driven else None, sizes, dtype)
     if captured or is_traced((prior, dt, u)):
         return captured
+    if isinstance(model, SwitchingModel):
+        for part in model.models:
+            at = [model.state.index(name) for name in part.state]
+            rows = [model.deviations.index(name) for name in part.deviations]
+            cov = prior.cov[..., rows, :][..., rows]
+            check_functions(part, Gaussian(prior.mean[..., at], cov), dt, u, sizes, dtype)
+        return False
     start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0], dtype)
     first_dt = np.asarray(np.ravel(dt)[0], dtype)
     first_u = () if u is None else (np.asarray(u[(0,) * (u.ndim - 1)], dtype),)
@@ -67,6 +75,9 @@ def check_shapes(model: Model, inputs: int | None, sizes: Mapping[str, int], dty
     Raises:
         InputError: as `check_functions`.
     """
+    if isinstance(model, SwitchingModel):
+        of_modes = [check_shapes(m, inputs, sizes, dtype) for m in model.models]
+        return any(of_modes)
     n = model.size
     x, second = (jax.ShapeDtypeStruct(shape, dtype) for shape in ((n,), ()))
     given = () if inputs is None else (jax.ShapeDtypeStruct((inputs,), dtype),)

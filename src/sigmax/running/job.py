@@ -34,6 +34,7 @@ class Outputs(NamedTuple):
         fault: (B, T).
         dof: (B, T).
         total: (B,), the log-likelihood of all steps.
+        rest: (B, T, k), what stands behind mean and factor in a row.
         innovation: by sensor: residual (B, T, m) and factor (B, T, m, m).
     """
 
@@ -44,6 +45,7 @@ class Outputs(NamedTuple):
     fault: np.ndarray | None = None
     dof: np.ndarray | None = None
     total: np.ndarray | None = None
+    rest: np.ndarray | None = None
     innovation: Mapping[str, Innovation] = {}
 
 
@@ -105,7 +107,7 @@ def record(
         len(sensors),
         (Sensor * max(len(sensors), 1))(*sensors),
         pointer(state),
-        *map(pointer, (out.total, out.mean, out.factor, out.nis, out.log_likelihood, out.fault, out.dof)),
+        *map(pointer, (out.total, out.mean, out.factor, out.nis, out.log_likelihood, out.fault, out.dof, out.rest)),
         moving_from,
     )
 
@@ -131,19 +133,22 @@ def one_step(sensor: str | None, told: Innovation | None, fault: np.ndarray) -> 
     """The outputs of a record of one step, by track: what it said, and the fault."""
     if sensor is None or told is None:
         return Outputs(fault=fault)
-    return Outputs(None, None, told.nis, told.log_likelihood, fault, told.dof, None, {sensor: told})
+    return Outputs(None, None, told.nis, told.log_likelihood, fault, told.dof, innovation={sensor: told})
 
 
 def smoothing(
     packing: Packing,
     back: BoundStep,
-    filtered: tuple[np.ndarray, np.ndarray, np.ndarray],
+    filtered: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None],
     dt: np.ndarray,
     u: np.ndarray | None,
-    out: tuple[np.ndarray, np.ndarray, np.ndarray],
+    out: tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray],
 ) -> Smoothing:
-    """A record to be smoothed: means, factors and faults, the batch first where there is one, and where they go."""
-    mean, factor, fault = filtered
+    """A record to be smoothed: means, factors, faults and the rest, the batch first where there is one.
+
+    And where they go: means, factors, the rest, faults.
+    """
+    mean, factor, fault, rest = filtered
     batched = mean.ndim == 3
     return Smoothing(
         len(mean) if batched else 1,
@@ -155,6 +160,7 @@ def smoothing(
         pointer(back.constants),
         series(mean, 1, batched, True),
         series(factor, 2, batched, True),
+        EMPTY if rest is None else series(rest, 1, batched, True),
         series(fault, 0, batched, True),
         series(dt, 0, dt.ndim == 2, True),
         EMPTY if u is None else series(u, 1, u.ndim == 3, True),

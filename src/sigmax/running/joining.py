@@ -7,11 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.filters import BySensor, Filter
+from sigmax.filters import BySensor, Filter, ModeFilters
 from sigmax.models.augment import with_bias
 from sigmax.models.checks import enough_memory, is_traced
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
+from sigmax.models.switching import SwitchingModel
 from sigmax.rules import SigmaPoints
 from sigmax.running.current import check_model
 
@@ -34,12 +35,20 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
         )
     if not model.space.flat:
         prior = _on_space(model, prior)
-        _warn_of_wrapping(filter, model, prior)
-    check_update(filter, model)
+    for own, part in modes_of(filter, model):
+        _warn_of_wrapping(own, part, prior)
+        check_update(own, part)
     tracks, n = len(prior.mean) if prior.mean.ndim == 2 else 1, model.size + model.biases
     enough_memory(f"a filter of {tracks} tracks", (2.0 * n + n * n) * tracks)
     filter = filter.on(model.biases)
     return filter, *with_bias(model, prior, filter.form.bias_first)
+
+
+def modes_of(filter: Filter, model: Model) -> list[tuple[Filter, Model]]:
+    """The filter and model of each mode; of an ordinary model these two themselves."""
+    if isinstance(filter, ModeFilters) and isinstance(model, SwitchingModel):
+        return list(zip(filter.modes, model.models, strict=True))
+    return [(filter, model)]
 
 
 def check_update(filter: Filter, model: Model) -> None:
@@ -60,7 +69,7 @@ def check_update(filter: Filter, model: Model) -> None:
 def _warn_of_wrapping(filter: Filter, model: Model, prior: Gaussian) -> None:
     """Say where sigma points of the prior lie more than half a turn away: there they come back from the other side."""
     rules = {rule for rule in (filter.predict, filter.correct) if isinstance(rule, SigmaPoints)}
-    if not rules or is_traced(prior.cov):
+    if model.space.flat or prior.dim != model.dim or not rules or is_traced(prior.cov):
         return
     P = np.asarray(prior.cov, float)
     variances = np.einsum("...ii->...i", P)[..., None] * np.eye(model.dim)

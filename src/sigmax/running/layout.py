@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from sigmax.filters import Weight
 from sigmax.models.model import Model
+from sigmax.models.switching import SwitchingModel
 from sigmax.spaces import Space
 
 
@@ -18,6 +19,7 @@ class Layout(NamedTuple):
         bias: names of the components of the bias.
         bias_first: whether the bias stands before the state in what was stored, rather than behind it.
         fusion: how each sensor was fused with the others, by its name.
+        modes: names of the modes, where the model has several.
         weights: what weighs the measurements of a sensor, by the name that it has in what was stored.
     """
 
@@ -28,13 +30,15 @@ class Layout(NamedTuple):
     bias: tuple[str, ...] = ()
     bias_first: bool = False
     fusion: tuple[tuple[str, str], ...] = ()
+    modes: tuple[str, ...] = ()
     weights: tuple[tuple[str, Weight | None], ...] = ()
 
     @classmethod
     def of(cls, model: Model, batched: bool, bias_first: bool) -> "Layout":
         """The layout of a run on a model as the user has it."""
         bias = () if model.bias is None else model.bias.names
-        return cls(model.state, model.space, batched, model.several, bias, bias_first and bool(bias))
+        modes = model.names if isinstance(model, SwitchingModel) else ()
+        return cls(model.state, model.space, batched, model.several, bias, bias_first and bool(bias), modes=modes)
 
     @property
     def numbers(self) -> tuple[slice, slice]:

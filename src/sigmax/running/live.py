@@ -11,6 +11,7 @@ from sigmax.filters import Filter
 from sigmax.models.fusion import Fused
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, check_flat
+from sigmax.models.switching import SwitchingModel
 from sigmax.native import Refused, Unavailable
 from sigmax.running.backend import attempt, native_failed, natively
 from sigmax.running.covariances import covariances
@@ -24,7 +25,7 @@ from sigmax.running.live_native import NativeState
 from sigmax.running.live_xla import XlaState
 from sigmax.running.prepare import as_filter, cast, run_type, typed
 from sigmax.running.saved import identity, restored, saved
-from sigmax.running.step import Belief, Fault, Innovation
+from sigmax.running.step import Fault, Innovation
 
 _NUMBER, _INFINITY = (float, int), float("inf")
 _SHARED = "another thread is using this live filter; give each thread one of its own, or hold a lock around its calls"
@@ -34,8 +35,8 @@ class Live:
     """Predict and update step by step, for one track or for a batch of them in step.
 
     Args:
-        filter: a name of the catalogue, or a filter.
-        model: the model.
+        filter: a name of the catalogue, or a filter; None where the model has modes that all name theirs.
+        model: the model, or several that take turns, by `imm`.
         prior: the state now, (n,) or (B, n).
         dtype: float64 or float32.
         backend: as in `run`.
@@ -51,14 +52,14 @@ class Live:
 
     def __init__(
         self,
-        filter: Filter | str,
+        filter: Filter | str | None,
         model: Model,
         prior: Gaussian,
         *,
         dtype: Any = "float64",
         backend: str | None = None,
     ) -> None:
-        self._asked = as_filter(filter), model, prior
+        self._asked = as_filter(filter, model), model, prior
         now = current_model(model)
         self.filter, model, prior = joined(self._asked[0], now, prior)
         layout = Layout.of(now, prior.mean.ndim == 2, self.filter.form.bias_first)
@@ -113,7 +114,14 @@ class Live:
         return self._root_of_squares(self._deviations[0])
 
     @property
-    def belief(self) -> Belief:
+    def probability(self) -> np.ndarray:
+        """Probabilities of the modes (M,) or (B, M), in the order of the model's."""
+        if not isinstance(self.model, SwitchingModel):
+            raise InputError("this model has no modes: see sigmax.imm")
+        return np.exp(np.asarray(self.belief.log_weight)).T
+
+    @property
+    def belief(self) -> Any:
         """Mean and factor of state and bias together, batch last."""
         if self._busy:
             raise InputError(_SHARED)
@@ -245,16 +253,12 @@ class Live:
     def _fall_back(self, error: Exception) -> None:
         """Go on with XLA where a part turns out not to be lowered; an error where the native engine was asked for."""
         native_failed(self._backend, error)
-        fault = self._state.fault
-        self._state = XlaState(self.filter, self.model, self._state.belief)
-        self._state.fault = np.asarray(fault if self._batched else fault[0])
+        belief, fault = self._state.belief, self._state.fault
+        self._state = XlaState(self.filter, self.model, belief)
+        self._state.put(belief, fault)
 
-    def put(self, belief: Belief, fault: Any) -> None:
+    def put(self, belief: Any, fault: Any) -> None:
         """Take up a belief laid out as `belief` gives it."""
         if self._busy:
             raise InputError(_SHARED)
-        self._state.belief = belief
-        if isinstance(self._state, NativeState):
-            self._state.fault[...] = fault
-        else:
-            self._state.fault = np.asarray(fault, np.int8).reshape(self._tracks)
+        self._state.put(belief, fault)

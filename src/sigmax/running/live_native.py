@@ -42,13 +42,13 @@ class NativeState:
         named = {} if driven else {s: len(m) for s, m in model.measurement.items() if m is not None}
         if not driven:
             low.need(("start",), ("predict",), *(("correct", *about) for about in named.items()))
-        self.rows = started(low, mean, cov, len(mean) if self._batched else 1)
+        self.rows = started(low, model, mean, cov, len(mean) if self._batched else 1)
         self.fault = np.zeros(len(self.rows), np.int8)
         self._calls: dict[Any, Callable[..., Any]] = {}
         tracks = slice(None) if self._batched else 0
-        points, n = self.packing
+        points, n, _ = self.packing
         self.read_mean = ready(None, None, len(self.rows), (), (self.rows[tracks, :points],), kept=self.rows)
-        factors = self.rows[:, points:]
+        factors = self.rows[:, points : self.packing.head]
         P = np.empty((len(self.rows), n, n), self.dtype)
         squaring = Squares(n, low.packing.size, 1, pointer(factors), pointer(P))
         self.read_cov = ready(low.driver["squares"], squaring, len(P), (), (P[tracks],), kept=factors)
@@ -72,8 +72,13 @@ class NativeState:
         """(n, n) or (B, n, n)."""
         n = self.packing.n
         S = np.zeros((len(self.rows), n * n), self.dtype)
-        S[:, np.flatnonzero(np.tri(n))] = self.rows[:, self.packing.points :]
+        S[:, np.flatnonzero(np.tri(n))] = self.rows[:, self.packing.points : self.packing.head]
         return S.reshape(-1, n, n) if self._batched else S.reshape(n, n)
+
+    def put(self, belief: Any, fault: Any) -> None:
+        """Take up another belief, and the faults of the tracks."""
+        self.belief = belief
+        self.fault[...] = fault
 
     def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""
@@ -114,8 +119,7 @@ class NativeState:
         """
         model = self.model
         if R is not None:
-            model = jax.tree.map(lambda leaf: leaf, model)
-            model.R = {**model.R, str(sensor): R}
+            model = model.with_noise(str(sensor), R)
         low = self._lowered(0 if u is None else u.shape[-1], None if R is None else model)
         B, tracks = len(self.rows), (len(self.rows),) if self._batched else ()
         needed = [*([("predict",)] if moving else []), *([("correct", sensor, size)] if sensor is not None else [])]

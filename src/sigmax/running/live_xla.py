@@ -1,7 +1,7 @@
 """The state of a live filter on XLA."""
 
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import jax
@@ -9,14 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.compiling import compiled
-from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
-from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.models.opaque import failures_raised
 from sigmax.running.advance import Advanced, Instant, advance
 from sigmax.running.covariances import covariances
-from sigmax.running.step import Belief, Innovation
+from sigmax.running.half_steps import half_steps
+from sigmax.running.step import Innovation
 from sigmax.running.xla_engine import batch_first, batch_last
 
 
@@ -26,7 +25,7 @@ class XlaState:
     # See `NativeState`.
     whole: Mapping[str | None, Any] = {}
 
-    def __init__(self, filter: Filter, model: Model, belief: Belief) -> None:
+    def __init__(self, filter: Filter, model: Model, belief: Any) -> None:
         self.filter, self.model = filter, model
         self.belief = jax.tree.map(jnp.asarray, belief)
         self.fault: Any = np.zeros(belief.mean.shape[1:], np.int8)
@@ -38,7 +37,7 @@ class XlaState:
     def of_prior(cls, filter: Filter, model: Model, mean: np.ndarray, cov: np.ndarray) -> "XlaState":
         """The state of a prior (n,) or (B, n), with a covariance for all or one for each."""
         cov = np.broadcast_to(cov, (*mean.shape[:-1], *cov.shape[-2:]))
-        return cls(filter, model, begun(batch_last(mean, 1), batch_last(cov, 2)))
+        return cls(filter, model, begun(filter, model, batch_last(mean, 1), batch_last(cov, 2)))
 
     def read_mean(self) -> np.ndarray:
         """(n,) or (B, n)."""
@@ -54,6 +53,11 @@ class XlaState:
         """(n, n) or (B, n, n)."""
         made: np.ndarray = covariances(self.factor)
         return made
+
+    def put(self, belief: Any, fault: Any) -> None:
+        """Take up another belief, and the faults of the tracks."""
+        self.belief = jax.tree.map(jnp.asarray, belief)
+        self.fault = np.asarray(fault, np.int8).reshape(belief.mean.shape[1:])
 
     def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""
@@ -86,18 +90,18 @@ class XlaState:
         return Innovation(*map(np.asarray, laid))
 
 
-@jax.jit
-def begun(mean: Any, cov: Any) -> Belief:
+@partial(jax.jit, static_argnums=0)
+def begun(filter: Filter, model: Model, mean: Any, cov: Any) -> Any:
     """The belief of a prior (n,) and (n, n), or batch last."""
-    return Belief(mean, cholesky(cov)[0])
+    return half_steps(filter, model).begin(mean, cov)[0]
 
 
 @lru_cache(maxsize=128)
 def advancing(filter: Filter, structure: Any) -> Any:
     """The compiled step of a filter on models of one structure: (leaves, belief, given) -> `Advanced`."""
 
-    def go(leaves: Any, belief: Belief, given: Instant) -> Advanced:
+    def go(leaves: Any, belief: Any, given: Instant) -> Advanced:
         model = jax.tree.unflatten(structure, leaves)
-        return advance(filter, model, noise_root(model.Q), belief, given, True)
+        return advance(half_steps(filter, model), model.sensors, belief, given, True)
 
     return compiled(go)

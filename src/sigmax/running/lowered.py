@@ -7,9 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
-from sigmax.models.evaluate import noise_root
 from sigmax.models.fusion import Fused
 from sigmax.models.model import Model
 from sigmax.native import Graph, Program, evaluate
@@ -17,9 +15,8 @@ from sigmax.native.driver import Step, driver, steps
 from sigmax.native.fingerprint import fingerprint
 from sigmax.native.graph import Array, array_of
 from sigmax.running.fusing import with_members_live
+from sigmax.running.half_steps import half_steps
 from sigmax.running.packing import Packing
-from sigmax.running.smooth_step import back
-from sigmax.running.step import Belief, correct, predict
 
 # What `correct` tells, in the order of record.c.
 TOLD = ("nis", "log_likelihood", "dof", "fault")
@@ -52,8 +49,7 @@ class Lowered:
         self.filter, self.structure, self.inputs, self.dtype = filter, structure, inputs, np.dtype(dtype)
         self._alone, self._numbers = alone, numbers
         self.zeros = [np.array(pattern).reshape(shape) for shape, pattern in zeros]
-        space = self._model([np.zeros(z.shape) for z in self.zeros]).space
-        self.packing = Packing(space.size, space.dim)
+        self.packing = Packing.of(self._model([np.zeros(z.shape) for z in self.zeros]))
         self._made: dict[tuple[Any, ...], Step] = {}
 
     def need(self, *parts: tuple[Any, ...]) -> list[Step]:
@@ -133,8 +129,8 @@ class Lowered:
             cov[place] = cov[place[::-1]] = node
 
         def function(model: Model, mean: Any, cov: Any) -> Any:
-            factor, sound = cholesky(cov)
-            return mean, factor, sound
+            belief, sound = half_steps(self.filter, model).begin(mean, cov)
+            return *self.packing.arrays(belief), sound
 
         def made(out: list[Array]) -> dict[str, Any]:
             return {"made": self.packing.nodes(out[:-1]), "told": [out[-1][()]]}
@@ -144,11 +140,10 @@ class Lowered:
     def _predict(self) -> Program:
         g = Graph(self.dtype)
 
-        def function(model: Model, mean: Any, factor: Any, dt: Any, *u: Any) -> Any:
-            belief, fault = predict(
-                self.filter, model, noise_root(model.Q), Belief(mean, factor), dt, u[0] if u else None
-            )
-            return *belief, fault
+        def function(model: Model, *given: Any) -> Any:
+            arrays, (dt, *u) = given[: self.packing.length], given[self.packing.length :]
+            new, fault = half_steps(self.filter, model).predict(self.packing.belief(arrays), dt, u[0] if u else None)
+            return *self.packing.arrays(new), fault
 
         given = self._given(g, (), *(((self.inputs,),) if self.inputs else ()))
         inputs = {"state": self.packing.symbols(g, "state"), "given": given}
@@ -160,15 +155,24 @@ class Lowered:
         """A measurement (m,), or what several sensors measured, put together before: (z, u) -> the one it makes."""
         g = Graph(self.dtype)
 
-        def function(model: Model, mean: Any, factor: Any, z: Any, *inputs: Any) -> Any:
+        def function(model: Model, *given: Any) -> Any:
+            arrays, (z, *inputs) = given[: self.packing.length], given[self.packing.length :]
             u = inputs[0] if inputs else None
             fused = None if together is None else together(z, u)
             if fused is not None:
                 z, u = fused.z, fused.u
-            new, told, fault = correct(self.filter, model, sensor, model.R[sensor], Belief(mean, factor), z, u)
+            new, told, fault = half_steps(self.filter, model).correct(sensor, None, self.packing.belief(arrays), z, u)
             if fused is not None:
                 told = with_members_live(told, fused)
-            return [*new, told.nis, told.log_likelihood, told.dof, fault, told.residual, told.factor]
+            return [
+                *self.packing.arrays(new),
+                told.nis,
+                told.log_likelihood,
+                told.dof,
+                fault,
+                told.residual,
+                told.factor,
+            ]
 
         given = self._given(g, (size,), *(((self.inputs,),) if self.inputs else ()))
         inputs = {"state": self.packing.symbols(g, "state"), "given": given}
@@ -184,14 +188,12 @@ class Lowered:
         """A step of the smoother: the filtered state, the smoothed later one -> the smoothed one."""
         g = Graph(self.dtype)
 
-        def function(
-            model: Model, mean: Any, factor: Any, later: Any, later_factor: Any, dt: Any, fault: Any, *u: Any
-        ) -> Any:
-            noise = noise_root(model.Q)
-            (new, root), failed = back(
-                self.filter, model, noise, (mean, factor), (later, later_factor), fault, dt, u[0] if u else None
-            )
-            return new, root, failed
+        def function(model: Model, *given: Any) -> Any:
+            count = self.packing.length
+            (now, later), (dt, fault, *u) = (given[:count], given[count : 2 * count]), given[2 * count :]
+            beliefs = self.packing.belief(now), self.packing.belief(later)
+            new, failed = half_steps(self.filter, model).back(*beliefs, fault, dt, u[0] if u else None)
+            return *self.packing.arrays(new), failed
 
         dt, *u, fault = self._given(g, (), *(((self.inputs,),) if self.inputs else ()), ())
         later, state = self.packing.symbols(g, "later"), self.packing.symbols(g, "state")

@@ -18,7 +18,7 @@ def _lower_places(n: int) -> tuple[np.ndarray, ...]:
     return np.tril_indices(n)
 
 
-def started(low: Lowered, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.ndarray:
+def started(low: Lowered, model: Model, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.ndarray:
     """The rows (B, size) of a prior: the same for all tracks where it has no batch."""
     (step,) = low.need(("start",))
     points = low.packing.points
@@ -26,9 +26,9 @@ def started(low: Lowered, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.n
     lower = cov[..., i, j]
     alone = mean.ndim == 1 and lower.ndim == 1
     count = 1 if alone else batch
-    given, out = (np.empty((count, low.packing.size), low.dtype) for _ in range(2))
+    given, out = (np.empty((count, size), low.dtype) for size in (low.packing.head, low.packing.size))
     given[:, :points], given[:, points:] = mean, lower
-    part = job.BoundStep(step, step.setup(np.zeros(sum(z.size for z in low.zeros) + 1)))
+    part = job.BoundStep(step, step.setup(low.parameters(model)))
     job.execute(low, "rows", job.rows(part, given, out), count)
     return np.repeat(out, batch, 0) if alone else out
 
@@ -45,8 +45,8 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
     needed = [("predict",), *(("correct", s, v.shape[-1]) for s, v in z.items())]
     low.need(("start",), *needed)
     B, T, dtype = 1 if ready.batch is None else ready.batch, ready.dt.shape[-1], low.dtype
-    points, n = low.packing
-    state = started(low, ready.mean, ready.cov, B)
+    points, n, modes = low.packing
+    state = started(low, ready.model, ready.mean, ready.cov, B)
 
     def array(part: str, *shape: int, of: Any = dtype) -> np.ndarray | None:
         return np.empty((B, T, *shape), of) if part in keep else None
@@ -60,6 +60,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
         fault=array("fault", of=np.int8),
         dof=array("dof", of=np.int64),
         total=np.empty(B, dtype),
+        rest=array("modes", low.packing.size - low.packing.head) if modes else None,
         innovation={
             s: Innovation(np.empty((B, T, m), dtype), np.empty((B, T, m, m), dtype), None, None, None)
             for s, m in dims.items()
@@ -78,9 +79,11 @@ def _kept(out: job.Outputs, batched: bool) -> tuple[Any, dict[str, Any]]:
     def laid(a: np.ndarray) -> Any:
         return a if batched else a[0]
 
-    arrays = out._asdict() | {"step_log_likelihood": out.log_likelihood}
+    arrays = out._asdict() | {"step_log_likelihood": out.log_likelihood, "modes": out.rest}
     kept: dict[str, Any] = {
-        name: laid(a) for name, a in arrays.items() if a is not None and name not in ("log_likelihood", "innovation")
+        name: laid(a)
+        for name, a in arrays.items()
+        if a is not None and name not in ("log_likelihood", "innovation", "rest")
     }
     if out.innovation:
         kept["innovation"] = {
@@ -89,8 +92,8 @@ def _kept(out: job.Outputs, batched: bool) -> tuple[Any, dict[str, Any]]:
     return kept.pop("total"), kept
 
 
-def smoothed(filter: Filter, model: Model, kept: tuple[Any, Any, Any], dt: Any, u: Any) -> tuple[Any, Any, Any]:
-    """Smoothed means, factors and faults, laid out as the filtered ones.
+def smoothed(filter: Filter, model: Model, kept: tuple[Any, ...], dt: Any, u: Any) -> tuple[Any, ...]:
+    """Smoothed means, factors, faults and the rest, laid out as the filtered ones.
 
     Raises:
         Refused: for a model or filter that cannot be lowered.
@@ -99,9 +102,11 @@ def smoothed(filter: Filter, model: Model, kept: tuple[Any, Any, Any], dt: Any, 
     dtype = kept[0].dtype
     low = lowered(filter, model, 0 if u is None else u.shape[-1], dtype)
     (back,) = job.bind(low, model, ("back",)).values()
-    mean, factor, fault = (np.ascontiguousarray(a, dtype) for a in kept)
-    out = np.empty_like(mean), np.empty_like(factor), np.empty(fault.shape, np.int8)
+    mean, factor, fault = (np.ascontiguousarray(a, dtype) for a in kept[:3])
+    rest = None if kept[3] is None else np.ascontiguousarray(kept[3])
+    behind = None if rest is None else np.empty_like(rest)
+    out = np.empty_like(mean), np.empty_like(factor), behind, np.empty(fault.shape, np.int8)
     dt, u = np.ascontiguousarray(dt), None if u is None else np.ascontiguousarray(u)
-    task = job.smoothing(low.packing, back, (mean, factor, fault), dt, u, out)
+    task = job.smoothing(low.packing, back, (mean, factor, fault, rest), dt, u, out)
     job.execute(low, "backwards", task, task.tracks)
-    return out
+    return out[0], out[1], out[3], out[2]

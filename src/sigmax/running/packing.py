@@ -1,12 +1,16 @@
-"""A belief as one row of numbers: the mean, then the lower factor row by row."""
+"""A belief as one row of numbers: the mean, then the lower factor row by row; of several modes, theirs behind it."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
+from sigmax.models.model import Model
+from sigmax.models.switching import SwitchingModel
 from sigmax.native import Graph, Refused
 from sigmax.native.graph import Array
 from sigmax.native.node import Node
+from sigmax.running.mode_steps import ModesBelief
 from sigmax.running.step import Belief
 
 
@@ -16,41 +20,101 @@ class Packing(NamedTuple):
     Attributes:
         points: numbers of the mean.
         n: rows of the factor.
+        modes: the packing of each mode, whose logarithms of probabilities end the row; none for a filter of one mode.
     """
 
     points: int
     n: int
+    modes: tuple["Packing", ...] = ()
+
+    @classmethod
+    def of(cls, model: Model) -> "Packing":
+        """That of the beliefs of a model's filters."""
+        modes = tuple(map(cls.of, model.models)) if isinstance(model, SwitchingModel) else ()
+        return cls(model.space.size, model.space.dim, modes)
+
+    @property
+    def head(self) -> int:
+        """Numbers of the mean and the factor themselves."""
+        return self.points + self.n * (self.n + 1) // 2
 
     @property
     def size(self) -> int:
         """Numbers in a row."""
-        return self.points + self.n * (self.n + 1) // 2
+        return self.head + sum(m.size for m in self.modes) + len(self.modes)
+
+    @property
+    def length(self) -> int:
+        """Arrays of a belief, one after the other."""
+        return 2 + 2 * len(self.modes) + bool(self.modes)
+
+    def belief(self, arrays: Any) -> Any:
+        """The belief of its arrays."""
+        if not self.modes:
+            return Belief(*arrays)
+        pairs = zip(arrays[2:-1:2], arrays[3:-1:2], strict=True)
+        return ModesBelief(arrays[0], arrays[1], tuple(Belief(*pair) for pair in pairs), arrays[-1])
+
+    def arrays(self, belief: Any) -> list[Any]:
+        """The arrays of a belief."""
+        if not self.modes:
+            return list(belief)
+        return [belief.mean, belief.factor, *(a for mode in belief.modes for a in mode), belief.log_weight]
 
     def symbols(self, g: Graph, group: str) -> list[Array]:
-        """Mean and factor as inputs of a graph, zeros above the diagonal."""
-        row = g.inputs(group, (self.size,))
-        factor = g.constants(np.zeros((self.n, self.n)))
-        factor[np.tril_indices(self.n)] = row[self.points :]
-        return [row[: self.points], factor]
+        """The arrays as inputs of a graph, zeros above diagonals."""
+        return self._split(g.inputs(group, (self.size,)), lambda n: g.constants(np.zeros((n, n))))
+
+    def _split(self, row: Any, zeros: Any) -> list[Any]:
+        factor = zeros(self.n)
+        factor[np.tril_indices(self.n)] = row[self.points : self.head]
+        found, at = [row[: self.points], factor], self.head
+        for mode in self.modes:
+            found += mode._split(row[at : at + mode.size], zeros)
+            at += mode.size
+        return [*found, row[at:]] if self.modes else found
 
     def nodes(self, arrays: list[Array]) -> list[Node]:
         """The row of a belief that was computed, checked to be as `symbols` supposes.
 
         Raises:
-            Refused: where the factor is not triangular by construction.
+            Refused: where a factor is not triangular by construction.
         """
-        mean, factor = arrays
-        if any(not (node.known and node.value == 0) for node in factor[np.triu_indices(self.n, 1)]):
-            raise Refused("a form whose factor is not lower triangular by construction")
-        return [*mean, *factor[np.tril_indices(self.n)]]
+        made: list[Node] = []
+        for packing, mean, factor in self._each(arrays):
+            if any(not (node.known and node.value == 0) for node in factor[np.triu_indices(packing.n, 1)]):
+                raise Refused("a form whose factor is not lower triangular by construction")
+            made += [*mean, *factor[np.tril_indices(packing.n)]]
+        return [*made, *arrays[-1]] if self.modes else made
 
-    def unpacked(self, rows: np.ndarray) -> Belief:
+    def _each(self, arrays: list[Any]) -> list[tuple["Packing", Any, Any]]:
+        """Each mean and factor with its packing."""
+        return list(zip((self, *self.modes), arrays[: self.length - bool(self.modes) : 2], arrays[1::2], strict=True))
+
+    def unpacked(self, rows: np.ndarray) -> Any:
         """Rows (B, size) as a belief, batch last."""
-        factor = np.zeros((self.n, self.n, len(rows)), rows.dtype)
-        factor[np.tril_indices(self.n)] = rows[:, self.points :].T
-        return Belief(rows[:, : self.points].T.copy(), factor)
+        return self.belief(self._split(rows.T.copy(), lambda n: np.zeros((n, n, len(rows)), rows.dtype)))
 
-    def packed(self, belief: Belief) -> np.ndarray:
+    def packed(self, belief: Any) -> np.ndarray:
         """The rows of a belief, batch last."""
-        mean, factor = (np.asarray(a) for a in belief)
-        return np.ascontiguousarray(np.concatenate([mean, factor[np.tril_indices(self.n)]]).T)
+        return np.ascontiguousarray(np.asarray(self._row(belief, 0)).T)
+
+    def rest(self, belief: Any) -> Any:
+        """What stands behind the mean and the factor (k, ...) in the row of a belief."""
+        return self._row(belief, 1)
+
+    def _row(self, belief: Any, first: int) -> Any:
+        arrays = self.arrays(belief)
+        made = [part for p, m, S in self._each(arrays)[first:] for part in (m, S[np.tril_indices(p.n)])]
+        return jnp.concatenate([*made, *([arrays[-1]] if self.modes else [])])
+
+    def behind(self, rest: Any) -> list[Any]:
+        """The arrays of what stands behind the mean and the factor, over time (T, k, ...)."""
+        found, at = [], 0
+        for mode in self.modes:
+            mean, lower = rest[:, at : at + mode.points], rest[:, at + mode.points : at + mode.size]
+            factor = jnp.zeros((len(rest), mode.n, mode.n, *rest.shape[2:]), rest.dtype)
+            i, j = np.tril_indices(mode.n)
+            found += [mean, factor.at[:, i, j].set(lower)]
+            at += mode.size
+        return [*found, rest[:, at:]] if self.modes else []

@@ -8,16 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.filters import Filter, get
+from sigmax.filters import Filter, ModeFilters, get
 from sigmax.models.checks import by_name, enough_memory, finite, is_traced, numbers
 from sigmax.models.fusion import Fused, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.stack import stack
+from sigmax.models.switching import SwitchingModel
 from sigmax.running.current import current_model
 from sigmax.running.functions import check_functions
 from sigmax.running.intervals import intervals
-from sigmax.running.joining import joined
+from sigmax.running.joining import joined, modes_of
 from sigmax.running.layout import Layout
 from sigmax.running.linearity import check_linear
 
@@ -58,8 +59,18 @@ class Prepared(NamedTuple):
     inputs: Any = None
 
 
-def as_filter(filter: Filter | str) -> Filter:
-    """A filter from its name or itself."""
+def as_filter(filter: Filter | str | None, model: Model | None = None) -> Filter:
+    """A filter from its name or itself, on a model of several modes one for each of them.
+
+    Raises:
+        InputError: for what is no filter, or one that no mode would take.
+    """
+    if isinstance(model, SwitchingModel) and not isinstance(filter, ModeFilters):
+        if filter is not None and all(model.filters):
+            raise InputError(
+                f"all modes, {list(model.names)}, name their own filters: give None in the place of {filter}"
+            )
+        return ModeFilters.of([own or as_filter(filter) for own in model.filters])
     if isinstance(filter, Filter):
         return filter
     if isinstance(filter, str):
@@ -113,13 +124,14 @@ def prepare(
     batch = next(iter(batches.values()), None)
     dtype = run_type(dtype)
     captured = check_functions(given, alone, elapsed, inputs_given, sizes, dtype)
-    if filter.linear and model.curved:
-        raise InputError(
-            "KF is for linear models, and this one lives in a curved space; take EKF or a sigma-point filter"
-        )
-    # Where a function holds a traced number its slopes are not known; `fit` has seen them at its start.
-    if filter.linear and not captured:
-        check_linear(given, None if inputs_given is None else inputs_given.shape[-1])
+    for own, part in modes_of(filter, given):
+        if own.linear and part.curved:
+            raise InputError(
+                "KF is for linear models, and this one lives in a curved space; take EKF or a sigma-point filter"
+            )
+        # Where a function holds a traced number its slopes are not known; `fit` has seen them at its start.
+        if own.linear and not captured:
+            check_linear(part, None if inputs_given is None else inputs_given.shape[-1])
 
     return Prepared(
         filter,

@@ -17,7 +17,7 @@ from sigmax.running.weighing import weights
 from sigmax.spaces import errors
 
 # What a run can keep.
-PARTS = ("mean", "factor", "fault", "nis", "dof", "step_log_likelihood", "innovation")
+PARTS = ("mean", "factor", "fault", "nis", "dof", "step_log_likelihood", "innovation", "modes")
 
 
 @jax.tree_util.register_dataclass
@@ -32,6 +32,7 @@ class Smoothed:
     stored_mean: Any = field(repr=False)
     stored_factor: Any = field(repr=False)
     stored_fault: Any = field(repr=False)
+    stored_modes: Any = field(repr=False)
 
     def _out(self, a: Any, what: str) -> Any:
         if a is None:
@@ -106,18 +107,31 @@ class Smoothed:
         S = self._rows(self.layout.deviations[1])
         return (S * S).sum(-1) ** 0.5
 
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """Names of the modes, none where the model has but one."""
+        return self.layout.modes
+
+    @property
+    def probability(self) -> Any:
+        """Probabilities of the modes (…, T, M), in the order of `modes`."""
+        if not self.modes:
+            raise InputError("this model has no modes: see sigmax.imm")
+        return self._array().exp(self._out(self.stored_modes, "modes")[..., -len(self.modes) :])
+
     def joint(self) -> tuple[Any, Any]:
         """Means (…, T, n + p) and lower factors of state and bias together, the state first."""
-        mean, factor, _ = self.kept()
+        mean, factor, *_ = self.kept()
         if not self.layout.bias_first:
             return mean, factor
         p = len(self.layout.bias)
         rows = self._array().concatenate([factor[..., p:, :], factor[..., :p, :]], -2)
         return self._array().concatenate([mean[..., p:], mean[..., :p]], -1), self._triangle(rows)
 
-    def kept(self) -> tuple[Any, Any, Any]:
-        """Means, factors and faults of state and bias together, as an engine laid them out."""
-        return self._out(self.stored_mean, "mean"), self._out(self.stored_factor, "factor"), self.fault
+    def kept(self) -> tuple[Any, Any, Any, Any]:
+        """Means, factors, faults and modes of state and bias together, as an engine laid them out."""
+        modes = self._out(self.stored_modes, "modes") if self.modes else None
+        return self._out(self.stored_mean, "mean"), self._out(self.stored_factor, "factor"), self.fault, modes
 
     @property
     def fault(self) -> Any:
@@ -227,7 +241,12 @@ class Result(Smoothed):
 
         The variances of a measurement are divided by them: 1 where it counted in full, 0 where it was refused, NaN
         where it was missing or a step failed. Computed from the innovations when asked for.
+
+        Raises:
+            InputError: of a model of several modes, which may weigh one measurement each in its own way.
         """
+        if self.modes:
+            raise InputError("each mode weighs a measurement in its own way; run a mode's model alone to see how")
         by = dict(self.layout.weights)
         return self._by_sensor(lambda told, sensor: weights(by[sensor], told))
 

@@ -86,13 +86,13 @@ class RowSteps:
             return np.empty((0, self.packing.size), self.dtype)
 
         def xla() -> np.ndarray:
-            belief = begun(_padded(mean).T, np.moveaxis(_padded(cov), 0, -1))
+            belief = begun(self.filter, self.model, _padded(mean).T, np.moveaxis(_padded(cov), 0, -1))
             return self.packing.packed(belief)[: len(mean)]
 
         return attempt(
             self.backend,
             False,
-            lambda: started(lowered(self.filter, self.model, 0, self.dtype), mean, cov, len(mean)),
+            lambda: started(lowered(self.filter, self.model, 0, self.dtype), self.model, mean, cov, len(mean)),
             xla,
         )
 
@@ -144,7 +144,7 @@ class RowSteps:
         """The lower factors S of the covariances, P = S Sᵀ (B, n, n)."""
         n = self.packing.n
         S = np.zeros((len(rows), n * n), rows.dtype)
-        S[:, self._lower] = rows[:, self.packing.points :]
+        S[:, self._lower] = rows[:, self.packing.points : self.packing.head]
         return S.reshape(-1, n, n)
 
     def _native(

@@ -20,7 +20,7 @@ from sigmax.running.updating import update_on
 
 
 def run(
-    filter: Filter | str,
+    filter: Filter | str | None,
     model: Model,
     prior: Gaussian,
     z: Any,
@@ -35,8 +35,9 @@ def run(
     """Filter a record: predict over dt, correct with the measurements, step by step.
 
     Args:
-        filter: a name of the catalogue, or a filter from `get` or of your own parts.
-        model: the model.
+        filter: a name of the catalogue, or a filter from `get` or of your own parts; None where the model has modes
+            that all name theirs.
+        model: the model, or several that take turns, by `imm`.
         prior: the state one dt before the first measurement, or at it: see `update_first`.
         z: measurements (T, m), or (B, T, m) for B tracks at once; NaN is missing, whole or in part.
             A dict by sensor name where the model has several; they are corrected in its order.
@@ -57,7 +58,7 @@ def run(
         InputError: before anything is computed, for whatever does not fit. A failure inside
             the run is no error but data: `result.ok`, `result.faults()`.
     """
-    chosen = as_filter(filter)
+    chosen = as_filter(filter, model)
     keep = strings("keep", keep, ordered=False)
     for part in keep:
         if part not in PARTS:
@@ -80,6 +81,7 @@ def run(
         stored_mean=parts.get("mean"),
         stored_factor=parts.get("factor"),
         stored_fault=parts.get("fault"),
+        stored_modes=parts.get("modes"),
         stored_innovations=parts.get("innovation"),
         stored_nis=parts.get("nis"),
         stored_log_likelihood=parts.get("step_log_likelihood"),

@@ -11,20 +11,20 @@ from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.augment import augment
 from sigmax.models.checks import is_traced
-from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.running import native_engine
 from sigmax.running.backend import attempt
 from sigmax.running.current import current_model
+from sigmax.running.half_steps import half_steps
 from sigmax.running.layout import Layout
+from sigmax.running.packing import Packing
 from sigmax.running.prepare import as_filter, cast, laid_out_steps
 from sigmax.running.result import Result, Smoothed
-from sigmax.running.smooth_step import back
 from sigmax.running.xla_engine import batch_first, batch_last
 
 
 def smooth(
-    filter: Filter | str,
+    filter: Filter | str | None,
     model: Model,
     result: Result,
     *,
@@ -40,7 +40,7 @@ def smooth(
     Args:
         filter: the filter of the run.
         model: the model of the run.
-        result: what `run` gave, with mean, factor and fault kept.
+        result: what `run` gave, with mean, factor and fault kept, and modes where the model has several.
         dt: as given to the run, from which it is taken where it is left out; the first is not read.
         inputs: the same.
         backend: as in `run`.
@@ -54,7 +54,7 @@ def smooth(
     model = current_model(model)
     if not isinstance(result, Result):
         raise InputError(f"result must be what sigmax.run gave, it is {type(result).__name__}")
-    chosen = as_filter(filter).on(model.biases)
+    chosen = as_filter(filter, model).on(model.biases)
     kept = result.kept()
     dtype = kept[0].dtype
     _check_layout(model, result.layout, chosen.form.bias_first)
@@ -71,9 +71,11 @@ def smooth(
 
     def with_xla() -> Any:
         batched = result.layout.batched
-        mean, factor, fault = (batch_last(a, a.ndim - batched) for a in kept)
+        mean, factor, fault, rest = (None if a is None else batch_last(a, a.ndim - batched) for a in kept)
         steps = batch_last(elapsed, 1), None if u is None else batch_last(u, 2)
-        made = (_backwards if traced or tracing() else _compiled_backwards)(chosen, model, mean, factor, fault, *steps)
+        made = (_backwards if traced or tracing() else _compiled_backwards)(
+            chosen, model, mean, factor, fault, rest, *steps
+        )
         return jax.tree.map(batch_first if batched else jnp.asarray if traced else np.asarray, made)
 
     made = attempt(backend, traced, lambda: native_engine.smoothed(chosen, model, kept, elapsed, u), with_xla)
@@ -90,6 +92,8 @@ def _check_layout(model: Model, ran: Layout, bias_first: bool) -> None:
         marked = [name for name, angle in zip(ran.state, ran.space.periodic, strict=False) if angle]
         what = f"angles are {marked}" if ran.space.flat else f"space is {ran.space}"
         raise InputError(f"the model is not that of the run, whose {what}")
+    if here.modes != ran.modes:
+        raise InputError(f"the model is not that of the run: its modes are {here.modes}, of the run {ran.modes}")
     if here.several != ran.several:
         raise InputError("the model is not that of the run: one has a sensor, the other several by name")
     if here.bias_first != ran.bias_first:
@@ -107,24 +111,23 @@ def _check_same(what: str, given: Any, ran: Any, core: int) -> None:
 
 
 def _backwards(
-    filter: Filter, model: Model, mean: Any, factor: Any, fault: Any, dt: Any, u: Any
-) -> tuple[Any, Any, Any]:
-    noise = noise_root(model.Q)
+    filter: Filter, model: Model, mean: Any, factor: Any, fault: Any, rest: Any, dt: Any, u: Any
+) -> tuple[Any, Any, Any, Any]:
+    steps, packing = half_steps(filter, model), Packing.of(model)
+    arrays = [mean, factor, *packing.behind(rest)]
 
-    def step(later: tuple[Any, Any], at: Any) -> tuple[tuple[Any, Any], Any]:
-        x, S, next_fault, next_dt, next_u = at
-        new, failed = back(filter, model, noise, (x, S), later, next_fault, next_dt, next_u)
-        return new, (*new, failed)
+    def step(later: Any, at: Any) -> tuple[Any, Any]:
+        now, next_fault, next_dt, next_u = at
+        new, failed = steps.back(packing.belief(now), later, next_fault, next_dt, next_u)
+        return new, (packing.arrays(new), failed)
 
-    last = mean[-1], factor[-1]
+    last = packing.belief([a[-1] for a in arrays])
     inputs = None if u is None else u[1:]
-    _, (x, S, failed) = jax.lax.scan(step, last, (mean[:-1], factor[:-1], fault[1:], dt[1:], inputs), reverse=True)
-    none = jnp.zeros_like(fault[-1:])
-    return (
-        jnp.concatenate([x, last[0][None]]),
-        jnp.concatenate([S, last[1][None]]),
-        jnp.concatenate([failed, none]),
-    )
+    _, (made, failed) = jax.lax.scan(step, last, ([a[:-1] for a in arrays], fault[1:], dt[1:], inputs), reverse=True)
+    all_steps = [jnp.concatenate([a, b[-1:]]) for a, b in zip(made, arrays, strict=True)]
+    failed = jnp.concatenate([failed, jnp.zeros_like(fault[-1:])])
+    behind = jax.vmap(packing.rest)(packing.belief(all_steps)) if packing.modes else None
+    return all_steps[0], all_steps[1], failed, behind
 
 
 _compiled_backwards = compiled(_backwards, static=(0,))

@@ -9,15 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.compiling import compiled, tracing
-from sigmax.algebra.factor import cholesky
 from sigmax.filters import Filter
 from sigmax.models.checks import is_traced
-from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.models.opaque import calls_out
 from sigmax.running.advance import Instant, advance
+from sigmax.running.half_steps import half_steps
+from sigmax.running.packing import Packing
 from sigmax.running.prepare import Prepared
-from sigmax.running.step import Belief
 
 _SMALLEST_PART = 256
 
@@ -122,13 +121,13 @@ def _scan(
     u: Any,
 ) -> Parts:
     """The run over a record: total log-likelihood and what is kept, batch last."""
-    root = noise_root(model.Q)
+    steps, packing = half_steps(filter, model), Packing.of(model)
 
     def step(
-        carry: tuple[Belief, jax.Array], here: tuple[Instant, jax.Array]
-    ) -> tuple[tuple[Belief, jax.Array], dict[str, Any]]:
+        carry: tuple[Any, jax.Array], here: tuple[Instant, jax.Array]
+    ) -> tuple[tuple[Any, jax.Array], dict[str, Any]]:
         (belief, total), (given, moving) = carry, here
-        belief, said, fault = advance(filter, model, root, belief, given, moving if update_first else True)
+        belief, said, fault = advance(steps, model.sensors, belief, given, moving if update_first else True)
         count = sum(i.dof for i in said.values())
         log_likelihood = sum(i.log_likelihood for i in said.values())
         nis = sum(jnp.where(i.dof > 0, i.nis, 0) for i in said.values())
@@ -141,9 +140,11 @@ def _scan(
             "step_log_likelihood": log_likelihood,
             "innovation": said,
         }
-        return (belief, total + log_likelihood), {name: parts[name] for name in keep}
+        if packing.modes:
+            parts["modes"] = packing.rest(belief)
+        return (belief, total + log_likelihood), {name: parts[name] for name in keep & parts.keys()}
 
-    started = Belief(mean, cholesky(cov)[0])
+    started, _ = steps.begin(mean, cov)
     zero = jnp.zeros(mean.shape[1:], mean.dtype)
     (_, total), parts = jax.lax.scan(step, (started, zero), (Instant(z, dt, u), jnp.arange(dt.shape[0]) > 0))
     return total, parts

@@ -4,6 +4,7 @@ from sigmax.algebra.arrays import wrap
 from sigmax.spaces.direction import Direction
 from sigmax.spaces.errors import errors
 from sigmax.spaces.groups import Pose2, Pose3, Rotation
+from sigmax.spaces.moments import moments
 from sigmax.spaces.product import Product, product
 from sigmax.spaces.quaternions import conjugate, cross, exponential, logarithm, multiply, rotate
 from sigmax.spaces.reset import reset
@@ -35,6 +36,7 @@ __all__ = [
     "errors",
     "exponential",
     "logarithm",
+    "moments",
     "multiply",
     "product",
     "reset",

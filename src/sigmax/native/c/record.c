@@ -23,17 +23,18 @@ typedef struct {
 } Sensor;
 
 typedef struct {
-    long tracks, steps, points, n, size; /* numbers of the mean, rows of the factor, both together */
+    long tracks, steps, points, n, size; /* numbers of the mean, rows of the factor, numbers of a row */
     Step predict; /* absent: no time passes */
     const R *c;
     Series dt, u;
     long sensors;
     const Sensor *sensor;
-    R *state; /* (tracks, size), in and out: mean, lower factor row by row, what the form carries */
+    R *state; /* (tracks, size), in and out: mean, lower factor row by row, and what stands behind them */
     /* Out, each of them possibly absent. */
     R *total, *mean, *factor, *nis, *log_likelihood;
     signed char *fault;
     long long *dof;
+    R *rest; /* what stands behind mean and factor in a row */
     long moving_from; /* the first step that is predicted: 1 where the state given is that of the first */
 } Record;
 
@@ -66,6 +67,7 @@ static void put_factor(const V *from, long n, int lane, R *to) {
 
 /* Tracks [first, end). Steps of sensors that nobody heard from cost nothing. */
 void record(const Record *r, long first, long end) {
+    const long head = r->points + r->n * (r->n + 1) / 2;
     long widest = 1;
     for (long s = 0; s < r->sensors; s++)
         if (r->sensor[s].z.size > widest) widest = r->sensor[s].z.size;
@@ -118,6 +120,7 @@ void record(const Record *r, long first, long end) {
                 const long at = (first + lane) * r->steps + t;
                 if (r->mean) put(now, r->points, lane, r->mean + at * r->points);
                 if (r->factor) put_factor(now + r->points, r->n, lane, r->factor + at * r->n * r->n);
+                if (r->rest) put(now + head, r->size - head, lane, r->rest + at * (r->size - head));
                 if (r->fault) r->fault[at] = (signed char)fault[lane];
                 if (r->nis) r->nis[at] = nis[lane];
                 if (r->dof) r->dof[at] = (long long)dof[lane];
@@ -132,11 +135,11 @@ void record(const Record *r, long first, long end) {
 }
 
 typedef struct {
-    long tracks, steps, points, n, size; /* numbers of the mean, rows of the factor, both together */
+    long tracks, steps, points, n, size; /* numbers of the mean, rows of the factor, numbers of a row */
     Back back;
     const R *c;
-    Series mean, factor, fault, dt, u; /* filtered, of all steps; a fault as a number */
-    R *new_mean, *new_factor;
+    Series mean, factor, rest, fault, dt, u; /* filtered, of all steps; a fault as a number */
+    R *new_mean, *new_factor, *new_rest;
     signed char *failed;
 } Smoothing;
 
@@ -145,17 +148,19 @@ static void put_smoothed(const Smoothing *s, const V *state, V failed, long firs
         const long at = (first + lane) * s->steps + t;
         put(state, s->points, lane, s->new_mean + at * s->points);
         put_factor(state + s->points, s->n, lane, s->new_factor + at * s->n * s->n);
+        put(state + s->size - s->rest.size, s->rest.size, lane, s->new_rest + at * s->rest.size);
         s->failed[at] = (signed char)failed[lane];
     }
 }
 
-/* Mean and lower factor of a step into a state. */
+/* Mean, lower factor and the rest of a step into a state. */
 static void gather_state(const Smoothing *s, long first, long end, long t, V *wide, V *to) {
     gather(&s->mean, first, end, t, to);
     gather(&s->factor, first, end, t, wide);
     to += s->points;
     for (long i = 0; i < s->n; i++)
         for (long j = 0; j <= i; j++) *to++ = wide[i * s->n + j];
+    gather(&s->rest, first, end, t, to);
 }
 
 /* Backwards over the tracks [first, end). `given` is dt, inputs and the fault of the later step. */
