@@ -35,16 +35,15 @@ class Live:
     """Predict and update step by step, for one track or for a batch of them in step.
 
     Args:
-        filter: a name of the catalogue, or a filter; None where the model has modes that all name theirs.
-        model: the model, or several that take turns, by `imm`.
+        filter: as in `run`.
+        model: as in `run`.
         prior: the state now, (n,) or (B, n).
         dtype: float64 or float32.
         backend: as in `run`.
 
     What a model needs is compiled when it is made or first used, which takes up to some seconds; then
     a step takes microseconds. One that is not sound leaves the state as it was; `ok` and `fault` tell.
-
-    It has one state and belongs to one thread at a time. It can be pickled where the functions of the model can.
+    It belongs to one thread at a time, and can be pickled where the functions of the model can.
 
     Raises:
         InputError: for whatever does not fit, and where two threads call it at once.
@@ -73,9 +72,8 @@ class Live:
         self.model = cast(model, self._dtype)
         self._given = Given(self.model, self._dtype, prior.mean.shape[:-1], now, self._asked[2])
         parts = self.filter, self.model, typed(prior.mean, self._dtype), typed(prior.cov, self._dtype)
-        self._state: NativeState | XlaState = attempt(
-            backend, False, lambda: NativeState(*parts), lambda: XlaState.of_prior(*parts)
-        )
+        starting = [lambda: NativeState(*parts), lambda: XlaState.of_prior(*parts)]
+        self._state: NativeState | XlaState = attempt(backend, False, *starting)
 
     @property
     def mean(self) -> np.ndarray:

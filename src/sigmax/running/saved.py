@@ -12,7 +12,9 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.model import Model
+from sigmax.models.switching import SwitchingModel
 from sigmax.native.fingerprint import fingerprint
+from sigmax.running.joining import modes_of
 from sigmax.running.step import Belief
 
 _BEGINNING = b"sigmax state 2\n"
@@ -40,6 +42,12 @@ def identity(filter: Filter, model: Model) -> dict[str, Any]:
 
 def _fingerprint(filter: Filter, model: Model) -> str | None:
     """Of functions and numbers one by one: which of them share what differs between a model and its pickled copy."""
+    if isinstance(model, SwitchingModel):
+        of_modes = [_fingerprint(own, part) for own, part in modes_of(filter, model)]
+        change = fingerprint(model.transition, installed=b"") if callable(model.transition) else ""
+        chain = [np.asarray(a, float).tobytes() for a in jax.tree.leaves(model)]
+        modes = of_modes, change, chain, model.names, [name for name, *_ in model.entry]
+        return None if None in (*of_modes, change) else hashlib.sha256(repr(modes).encode()).hexdigest()
     functions = [model.motion, *model.sensors.values(), model.domain, model.Q, *model.R.values()]
     if model.bias is not None:
         functions += [model.bias.motion, *model.bias.sensor.values(), model.bias.Q]
