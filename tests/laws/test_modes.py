@@ -13,6 +13,8 @@ import sigmax
 from sigmax.running import Fault
 
 SEEN = ("px", "py")
+# What XLA compiles for half a minute is seen by the slow suite; the textbook's filter by both at once.
+ENGINES = ["native", pytest.param("xla", marks=pytest.mark.slow)]
 PRIOR = sigmax.Gaussian([0.0, 1.0, 0.0, 1.0], [4.0, 1.0, 4.0, 1.0])
 H = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0]])
 R = np.array([[1.0, 0.2], [0.2, 0.5]])
@@ -91,7 +93,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("backend", ["native", "xla"])
-@pytest.mark.parametrize(("change", "filter"), zip(CHANGES, ("SRCKFB", "KF", "EIF"), strict=True))
+@pytest.mark.parametrize(("change", "filter"), list(zip(CHANGES, ("SRCKFB", "KF", "EIF"), strict=True)))
 def test_it_is_the_filter_of_the_textbook(change, filter, backend):
     given, P = CHANGES[change]
     model = sigmax.imm({"calm": CALM, "wild": WILD}, **given)
@@ -145,7 +147,7 @@ def plots(tracks=2, steps=25):
 @pytest.mark.parametrize(
     "filter", ["EKF", "SRCKFB", "UIF", "SRPFB", pytest.param("TSHCIF", marks=pytest.mark.slow), "IEKF"]
 )
-@pytest.mark.parametrize("backend", ["native", "xla"])
+@pytest.mark.parametrize("backend", ENGINES)
 def test_modes_alike_are_the_one_filter(filter, backend):
     """Across the line of ±180°, smoothed too."""
     model = sigmax.imm({"a": radar(1e-3), "b": radar(1e-3)}, transition=MATRIX)
@@ -154,12 +156,13 @@ def test_modes_alike_are_the_one_filter(filter, backend):
     got = sigmax.run(filter, model, FROM, z, backend=backend)
     pairs = [(one, got), (sigmax.smooth(filter, radar(1e-3), one), sigmax.smooth(filter, model, got, backend=backend))]
     for theirs, ours in pairs:
-        gap = (ours.mean - theirs.mean + np.pi * np.eye(4)[3]) % (2 * np.pi * np.eye(4)[3] + 1e9 * (1 - np.eye(4)[3]))
-        assert np.allclose(np.minimum(gap, 1e9 - gap) - np.pi * np.eye(4)[3], 0, atol=1e-6)
+        gap = ours.mean - theirs.mean
+        gap[..., 3] = np.sin(gap[..., 3])
+        assert np.allclose(gap, 0, atol=1e-6)
         assert np.allclose(ours.cov, theirs.cov, rtol=1e-6, atol=1e-9)
     assert np.allclose(got.nis, one.nis, rtol=1e-7)
     assert np.allclose(got.log_likelihood, one.log_likelihood, rtol=1e-9)
-    assert np.allclose(got.probability, MATRIX[1, 0] / (MATRIX[1, 0] + MATRIX[0, 1]) * np.array([1, 0.25]), atol=1e-9)
+    assert np.allclose(got.probability, [0.8, 0.2], atol=1e-9)
 
 
 def test_each_mode_runs_its_own_filter():
@@ -178,7 +181,7 @@ def test_each_mode_runs_its_own_filter():
         sigmax.run("EKF", named, FROM, z)
 
 
-@pytest.mark.parametrize("backend", ["native", "xla"])
+@pytest.mark.parametrize("backend", ENGINES)
 def test_live_and_alone_it_is_the_run(backend):
     model = sigmax.imm({"calm": CALM, "wild": WILD}, sojourn=[30.0, 4.0])
     z = walk(3, 12)
@@ -251,12 +254,13 @@ def test_smoothed_it_is_near_the_sum_over_all_histories():
     def away(result):
         return np.sqrt(((result.mean - exact[0]) ** 2).mean()), np.abs(result.probability - exact[2]).mean()
 
-    assert np.allclose(filtered.mean[:, 0], filtered.mean[:, 0])
     assert (np.array(away(smoothed)) < 0.35 * np.array(away(filtered))).all()
-    assert np.allclose(smoothed.cov, exact[1], rtol=0.4, atol=0.3)
+    ours, theirs = (np.einsum("btii->bt", P) for P in (smoothed.cov, exact[1]))
+    assert np.allclose(np.median(ours / theirs), 1, atol=0.02)
+    assert np.allclose((ours / theirs).mean(), 1, atol=0.1)
 
 
-@pytest.mark.parametrize("backend", ["native", "xla"])
+@pytest.mark.parametrize("backend", ENGINES)
 def test_smoothed_without_changes_it_is_the_mixture_of_smoothers(backend):
     model = sigmax.imm({"calm": CALM, "wild": WILD}, initial=[0.5, 0.5])
     z = walk(2, 10) / 2
@@ -291,7 +295,7 @@ ENTRY = {"a": (0.3, 4.0)}
 START = sigmax.Gaussian([0.0, 1.0, 0.3], [1.0, 1.0, 4.0])
 
 
-@pytest.mark.parametrize("backend", ["native", "xla"])
+@pytest.mark.parametrize("backend", ENGINES)
 def test_what_a_mode_has_not_comes_in_by_its_entry(backend):
     """As a textbook's filter whose states are filled up by a component that is drawn anew on each entry."""
     P = np.array([[0.9, 0.1], [0.3, 0.7]])
@@ -333,7 +337,7 @@ def test_what_a_mode_has_not_comes_in_by_its_entry(backend):
     assert np.allclose(sigmax.smooth("SRCKFB", still, kept, backend=backend).mean[:, 1], speed, atol=1e-8)
 
 
-@pytest.mark.parametrize("backend", ["native", "xla"])
+@pytest.mark.parametrize("backend", ENGINES)
 def test_a_mode_that_fails_leaves_the_others(backend):
     def breaking(x):
         return jnp.where(x[0] > 5, jnp.nan, x[jnp.array([0, 2])])
@@ -353,7 +357,7 @@ def test_a_mode_that_fails_leaves_the_others(backend):
     assert np.isfinite(lost.mean).all()
 
 
-@pytest.mark.parametrize("backend", ["native", "xla"])
+@pytest.mark.parametrize("backend", ENGINES)
 def test_attitudes_are_mixed_where_they_live(backend):
     """Modes that turn at two speeds; the other sign of the quaternions is the same attitude."""
 
@@ -392,6 +396,7 @@ def test_attitudes_are_mixed_where_they_live(backend):
     assert np.abs((heading - angles + np.pi) % (2 * np.pi) - np.pi).max() < 0.15
 
 
+@pytest.mark.slow
 def test_the_likelihood_differentiates_in_what_the_chain_is_made_of():
     z = walk(1, 10)[0]
 
@@ -452,3 +457,19 @@ def test_results_of_other_modes_are_refused():
     with pytest.raises(sigmax.InputError, match="linear"):
         sigmax.run("KF", sigmax.imm({"a": radar(1.0), "b": radar(2.0)}), FROM, plots())
     assert np.array_equal(pickle.loads(pickle.dumps(model.initial)), model.initial)
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda m, folder: sigmax.explain("SRCKF", m, PRIOR),
+        lambda m, folder: sigmax.export_c("KF", m, PRIOR, folder),
+        lambda m, folder: sigmax.start(m, walk(1, 3)[0], at=np.zeros(4)),
+        lambda m, folder: sigmax.tracking.Modes([("KF", m)]),
+        lambda m, folder: sigmax.running.contribution(sigmax.Live("EIF", m, PRIOR), [0.0, 0.0], ""),
+        lambda m, folder: m.motion(np.zeros(4), 1.0),
+    ],
+)
+def test_what_knows_one_mode_alone_says_so(use, tmp_path):
+    with pytest.raises(sigmax.InputError, match=r"model\.modes\[NAME\]"):
+        use(sigmax.imm({"calm": CALM, "wild": WILD}, transition=MATRIX), tmp_path)

@@ -20,6 +20,7 @@ from sigmax.models.augment import augment
 from sigmax.models.fusion import Fused, name_of, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
+from sigmax.models.switching import check_one_mode
 from sigmax.native import Refused
 from sigmax.running.backend import natively
 from sigmax.running.fusing import how
@@ -74,6 +75,7 @@ def export_c(
     Raises:
         InputError: for what does not fit, or a model that cannot be lowered, with the line that is the reason.
     """
+    check_one_mode(model, "exported C")
     chosen, dtype, prefix = as_filter(filter), run_type(dtype), identifier(name)
     if prior.mean.ndim != 1:
         raise InputError("an exported filter starts from one prior, not from a batch")

@@ -168,6 +168,19 @@ def parts_by_name(own: Components) -> dict[str, tuple[tuple[str, ...], tuple[str
     return found
 
 
+def check_one_mode(model: Model, what: str) -> None:
+    """Refuse a model of several modes where only one is known.
+
+    Raises:
+        InputError: naming what does not know it.
+    """
+    if isinstance(model, SwitchingModel):
+        raise InputError(
+            f"{what} knows models of one mode alone so far, and this one has {list(model.names)}: take "
+            "model.modes[NAME]; run, smooth, fit and Live take it as a whole"
+        )
+
+
 def _no_function(what: str) -> Callable[..., Any]:
     def ask_the_modes(*_: Any) -> Any:
         raise InputError(f"a model of several modes has no one {what}: take model.modes[NAME]")

@@ -18,6 +18,7 @@ from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused
 from sigmax.models.model import Model, check_flat
 from sigmax.models.noise import dense_noise, noise_once
+from sigmax.models.switching import check_one_mode
 from sigmax.running.fusing import additive, check_inputs
 from sigmax.running.live import Live
 from sigmax.running.message import Contribution
@@ -152,6 +153,7 @@ def _alone(live: Live) -> Live:
     if live.belief.mean.ndim > 1:
         raise InputError("stations exchange contributions to one track; make a filter for each")
     check_flat(live.apart, "a contribution")
+    check_one_mode(live.apart, "a contribution")
     return live
 
 

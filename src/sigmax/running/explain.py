@@ -12,6 +12,7 @@ from sigmax.filters import Filter
 from sigmax.models.augment import with_bias
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, check_flat
+from sigmax.models.switching import check_one_mode
 from sigmax.rules import SigmaPoints
 from sigmax.running.linearizing import seconds_of
 from sigmax.running.prepare import as_filter
@@ -90,6 +91,7 @@ def explain(
     if model.bias is not None and chosen.form.bias_first:
         raise InputError(f"{chosen.name} draws a bias first, and every point of it moves the whole state; explain CKF")
     check_flat(model, "explain")
+    check_one_mode(model, "explain")
     model, prior = with_bias(model, prior)
     u = [] if inputs is None else [jnp.asarray(inputs, float)]
     tasks: list[tuple[str, SigmaPoints, Callable[..., Any], list[Any], Sequence[bool]]] = []

@@ -41,8 +41,8 @@ class Live:
         dtype: float64 or float32.
         backend: as in `run`.
 
-    What a model needs is compiled when it is made or first used, which takes up to some seconds; then
-    a step takes microseconds. One that is not sound leaves the state as it was; `ok` and `fault` tell.
+    What a model needs is compiled when it is made or first used, for some seconds; then a step takes microseconds.
+    One that is not sound leaves the state as it was; `ok` and `fault` tell.
     It belongs to one thread at a time, and can be pickled where the functions of the model can.
 
     Raises:
@@ -65,8 +65,7 @@ class Live:
         self._biased, self._numbers, self._deviations = bool(layout.bias), layout.numbers, layout.deviations
         self.apart = model  # its sensors, where they are fused
         self._members, model = Members.of(model)
-        self._dtype = run_type(dtype)
-        self._batched = prior.mean.ndim == 2
+        self._dtype, self._batched = run_type(dtype), prior.mean.ndim == 2
         self._tracks = (len(prior.mean),) if self._batched else ()
         self._backend, self._busy = backend, False
         self.model = cast(model, self._dtype)
@@ -251,9 +250,8 @@ class Live:
     def _fall_back(self, error: Exception) -> None:
         """Go on with XLA where a part turns out not to be lowered; an error where the native engine was asked for."""
         native_failed(self._backend, error)
-        belief, fault = self._state.belief, self._state.fault
-        self._state = XlaState(self.filter, self.model, belief)
-        self._state.put(belief, fault)
+        before, self._state = self._state, XlaState(self.filter, self.model, self._state.belief)
+        self._state.put(before.belief, before.fault)
 
     def put(self, belief: Any, fault: Any) -> None:
         """Take up a belief laid out as `belief` gives it."""

@@ -9,6 +9,7 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.model import Model
+from sigmax.models.switching import check_one_mode
 from sigmax.native.calls import extension, ready
 from sigmax.native.driver import Record
 from sigmax.running.advance import Instant
@@ -60,6 +61,7 @@ class RowSteps:
     def __init__(self, filter: Filter | str, model: Model, *, dtype: Any = "float64", backend: str | None = None):
         self.filter, self.dtype, self.backend = as_filter(filter), run_type(dtype), backend
         self._asked, model = model, current_model(model)
+        check_one_mode(model, "a tracker")
         check_update(self.filter, model)
         check_shapes(model, None, counted(model), self.dtype)
         if model.bias is not None:

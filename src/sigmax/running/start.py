@@ -15,6 +15,7 @@ from sigmax.models.checks import numbers
 from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
+from sigmax.models.switching import check_one_mode
 from sigmax.running.current import current_model
 from sigmax.running.functions import check_functions
 from sigmax.running.prepare import cast, laid_out_steps, measurements_of, steps_of
@@ -55,6 +56,7 @@ def start(
             ends nowhere, or a function of the model is not finite where it begins.
     """
     model = cast(current_model(model), np.float64)
+    check_one_mode(model, "start")
     if model.bias is not None:
         raise InputError("start finds a state; write the bias into it: model = sigmax.models.augment(model)")
     measured = {s: np.asarray(v, float) for s, v in measurements_of(model, z).items()}
