@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.models.components import Components
@@ -74,6 +75,14 @@ class SwitchingModel(Model):
     def modes(self) -> dict[str, Model]:
         """The models by name."""
         return dict(zip(self.names, self.models, strict=True))
+
+    @property
+    def sojourn(self) -> np.ndarray | None:
+        """Seconds in each mode on average (M,), where the chain is in continuous time."""
+        if self.rates is None:
+            return None
+        left, values, right = (np.asarray(a) for a in self.rates)
+        return -1 / np.einsum("ik,k,ki->i", left, values, right)
 
     @property
     def motion_driven(self) -> bool:

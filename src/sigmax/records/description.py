@@ -75,6 +75,15 @@ class MotionPart(Section):
     inputs: dict[str, ColumnGiven] = Field(default_factory=dict)
 
 
+class ModePart(Section):
+    """One of several modes that take turns: its motion, seconds that it lasts, its probability at the prior."""
+
+    motion: Annotated[list[MotionPart], BeforeValidator(_as_list), Field(min_length=1)]
+    sojourn: Any
+    probability: float | None = None
+    filter: str | None = None
+
+
 class SensorPart(Section):
     """One sensor, built in or "file.py:function", and the columns that hold what it measured."""
 
@@ -127,7 +136,8 @@ class Description(Section):
 
     data: str
     time: TimeGiven
-    motion: Annotated[list[MotionPart], BeforeValidator(_as_list), Field(min_length=1)]
+    motion: Annotated[list[MotionPart], BeforeValidator(_as_list)] = Field(default_factory=list)
+    modes: dict[str, ModePart] = Field(default_factory=dict)
     sensors: dict[str, SensorPart] = Field(min_length=1)
     prior: dict[str, Any]
     bias: dict[str, BiasPart] = Field(default_factory=dict)
@@ -144,6 +154,9 @@ class Description(Section):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if bool(self.motion) == bool(self.modes):
+            says = "both say how it moves: keep one" if self.motion else "say how it moves: write one"
+            raise PydanticCustomError("empty", "{text}", {"text": f"[motion] or several [modes.NAME] {says}"})
         for name, sensor in self.sensors.items():
             if not sensor.columns:
                 raise PydanticCustomError("empty", "{text}", {"text": f"sensors.{name}.columns names no column"})

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from sigmax.records.built import Built
 from sigmax.records.description import Description
 from sigmax.records.likely import LATEST, epoch_unit, likely_track, speeds
-from sigmax.records.model import Built
 from sigmax.records.sensor import first_position
 from sigmax.records.table import Table, clock_period
 from sigmax.records.units import ANGLE, TURN_RATE, quantity

@@ -3,45 +3,21 @@
 from collections.abc import Callable
 from functools import reduce
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 
 from sigmax.errors import InputError, unknown
-from sigmax.filters import Update
 from sigmax.models import Model, motions
 from sigmax.models.noise import takes
-from sigmax.records.bias import Biased, read_bias
-from sigmax.records.description import Column, Description
+from sigmax.records.bias import read_bias
+from sigmax.records.built import Built, Input
+from sigmax.records.description import Column, Description, MotionPart
+from sigmax.records.modes import in_turns
 from sigmax.records.motion import Moving, read_motion
-from sigmax.records.sensor import Sensing, read_sensor
+from sigmax.records.sensor import read_sensor
 from sigmax.records.units import LENGTH, Dimension
 from sigmax.records.userfile import Functions
-
-
-class Input(NamedTuple):
-    """One input: where it comes from, what it is, and whose it is (no sensor: the motion's)."""
-
-    column: Column
-    dimension: Dimension | None
-    sensor: str | None
-    where: str
-
-
-class Built(NamedTuple):
-    """A model with what the edges know of it."""
-
-    model: Model
-    dimensions: tuple[Dimension, ...]
-    position: tuple[int, ...]
-    sensings: dict[str, Sensing]
-    inputs: tuple[Input, ...]
-    biased: Biased | None
-
-    @property
-    def updates(self) -> dict[str, Update]:
-        """How sensors correct, of those that say so."""
-        return {name: sensing.update for name, sensing in self.sensings.items() if sensing.update is not None}
 
 
 def build(description: Description, folder: Path) -> Built:
@@ -51,13 +27,23 @@ def build(description: Description, folder: Path) -> Built:
         InputError: for names, options, units and functions that do not fit.
     """
     functions = Functions(folder)
-    several = len(description.motion) > 1
-    labels = [f"motion[{i}]" if several else "motion" for i in range(len(description.motion))]
-    parts = [read_motion(p, label, functions) for p, label in zip(description.motion, labels, strict=True)]
+    if not description.modes:
+        return _of_one_mode(description, description.motion, "motion", functions)
+    built = {
+        name: _of_one_mode(description, mode.motion, f"modes.{name}.motion", functions)
+        for name, mode in description.modes.items()
+    }
+    return in_turns(description, built)
+
+
+def _of_one_mode(description: Description, motion: list[MotionPart], where: str, functions: Functions) -> Built:
+    several = len(motion) > 1
+    labels = [f"{where}[{i}]" if several else where for i in range(len(motion))]
+    parts = [read_motion(p, label, functions) for p, label in zip(motion, labels, strict=True)]
     moving = reduce(_joined, parts)
     state = moving.motion.state
     if len(set(state)) < len(state):
-        raise InputError(f"motion: two parts have a component of the same name: {list(map(str, state))}")
+        raise InputError(f"{where}: two parts have a component of the same name: {list(map(str, state))}")
     names = list(moving.position) if description.position is None else description.position
     for name in names:
         if name not in state:
@@ -69,11 +55,11 @@ def build(description: Description, folder: Path) -> Built:
         for name, part in description.sensors.items()
     }
     inputs = _inputs(
-        {name: column for part in description.motion for name, column in part.inputs.items()},
+        {name: column for part in motion for name, column in part.inputs.items()},
         moving.motion.inputs,
         moving.inputs,
         None,
-        "motion.inputs",
+        f"{where}.inputs",
     )
     driven = len(inputs)
     hear: dict[str, Callable[..., Any]] = {}
@@ -92,16 +78,16 @@ def build(description: Description, folder: Path) -> Built:
     _check_columns(state, () if biased is None else biased.bias.names)
     try:
         model = Model(
-            motion=_with_part_of(moving.motion.function, slice(driven), 2, "motion.kind"),
+            motion=_with_part_of(moving.motion.function, slice(driven), 2, f"{where}.kind"),
             sensor=hear,
-            Q=_with_part_of(moving.Q, slice(driven), 2, "motion.noise", must=False),
+            Q=_with_part_of(moving.Q, slice(driven), 2, f"{where}.noise", must=False),
             R=noises,
             state=state,
             measurement={name: sensing.sensor.measurement for name, sensing in sensings.items()},
             bias=None if biased is None else biased.bias,
         )
     except InputError as error:
-        raise InputError(_renamed(str(error))) from error
+        raise InputError(_renamed(str(error), where)) from error
     return Built(model, moving.dimensions, tuple(state.index(n) for n in names), sensings, tuple(inputs), biased)
 
 
@@ -118,11 +104,11 @@ def _check_columns(state: tuple[str, ...], bias: tuple[str, ...]) -> None:
             raise InputError(f"{where}.{name}: another column of the estimates has this name; choose another")
 
 
-def _renamed(message: str) -> str:
+def _renamed(message: str, where: str) -> str:
     """The engine's Q and R as they are called in a description."""
     head, _, rest = message.partition(" ")
     if head == "Q":
-        return f"motion.noise {rest}"
+        return f"{where}.noise {rest}"
     return f"sensors.{head[3:-2]}.noise {rest}" if head.startswith("R['") else message
 
 

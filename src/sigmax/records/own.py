@@ -9,10 +9,11 @@ import pandas as pd
 
 from sigmax.errors import InputError, unknown
 from sigmax.models import Gaussian
+from sigmax.records.built import Built
 from sigmax.records.description import Column, Description, TimeColumn, read_toml
 from sigmax.records.doubts import doubts
 from sigmax.records.local import with_local
-from sigmax.records.model import Built, build
+from sigmax.records.model import build
 from sigmax.records.prior import FROM, read_prior
 from sigmax.records.read_table import read_table
 from sigmax.records.record import Record, parse_trial

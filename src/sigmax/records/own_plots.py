@@ -8,10 +8,12 @@ import pandas as pd
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
+from sigmax.models.switching import SwitchingModel
+from sigmax.records.built import Built
 from sigmax.records.description import read_toml
 from sigmax.records.local import POSITION, VELOCITY, local_columns, with_local
 from sigmax.records.located import locate
-from sigmax.records.model import Built, build
+from sigmax.records.model import build
 from sigmax.records.own import check_columns, columns, instants, measured_columns
 from sigmax.records.plot_description import DetectionPart, PlotDescription, TrackingPart, extent_of
 from sigmax.records.plots import PlotRecord
@@ -74,6 +76,15 @@ def build_plots(path: Path, description: PlotDescription) -> Built:
     if missing:
         raise InputError(f"tracking.sensors needs detection and clutter of {missing[0]!r}")
     return built
+
+
+def _modes(filter: Filter, built: Built) -> Modes:
+    """What a target may be doing: the description's motion, or its modes."""
+    model = built.model
+    if not isinstance(model, SwitchingModel):
+        return Modes([(with_updates(filter, built.updates), model)])
+    filters = [with_updates(own or filter, built.updates) for own in model.filters]
+    return Modes(list(zip(filters, model.models, strict=True)), model.sojourn)
 
 
 def _record(path: Path, description: PlotDescription, part: TrackingPart) -> PlotRecord:
@@ -169,7 +180,7 @@ def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> 
 
     def cycle(filter: Filter) -> Cycle:
         return Cycle(
-            Modes([(with_updates(filter, built.updates), built.model)]),
+            _modes(filter, built),
             detectors,
             two_point(top, within),
             layout=layout,

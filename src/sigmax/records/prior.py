@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.records.model import Built
+from sigmax.records.built import Built
 from sigmax.records.sensor import first_position
 from sigmax.records.units import quantity
 

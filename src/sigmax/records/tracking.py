@@ -86,7 +86,7 @@ def track(record: Record, trial: Trial) -> Outcome:
     """Run one filter over all tracks of a record; a failure is told in the outcome."""
     filter, model, prior = record.told(trial)
     # Innovations are large, and only what weighs them is asked of them.
-    kept = (*_KEPT, "innovation") if _weighs(filter, model) else _KEPT
+    kept = (*_KEPT, "modes", *(("innovation",) if _weighs(filter, model) else ()))
 
     def once() -> tuple[Result, float]:
         started = time.perf_counter()

@@ -138,6 +138,7 @@ def _one(score: Score) -> dict[str, Any]:
         "measurements": score.measurements,
         "log_likelihood": score.log_likelihood,
         "weights": {sensor: w._asdict() for sensor, w in score.weighed.items()},
+        "modes": score.modes,
         "faults": score.faults,
         "first_fault": score.first_fault or None,
         "failure": score.failure or None,
@@ -170,6 +171,8 @@ def _estimates(path: Path, record: Record, outcomes: Sequence[Outcome]) -> None:
                 columns[one.name] = (pa.array(one.mean[real]), one.dimension.symbol)
                 columns[f"{one.name}_std"] = (pa.array(one.deviation[real]), one.dimension.symbol)
                 columns[f"{one.name}_truth"] = (pa.array(one.truth[real], from_pandas=True), one.dimension.symbol)
+            for k, mode in enumerate(r.modes):
+                columns[f"probability_{mode}"] = (pa.array(r.probability[real][:, k]), "")
             columns["nis"] = (pa.array(r.nis[real], from_pandas=True), "")
             columns["dof"] = (pa.array(r.dof[real].astype(np.int32)), "")
             columns["ok"] = (pa.array(r.ok[real]), "")

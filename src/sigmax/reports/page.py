@@ -8,6 +8,7 @@ import numpy as np
 
 import sigmax
 from sigmax.algebra.factor import Diagonal
+from sigmax.models import SwitchingModel
 from sigmax.models.noise import Noise
 from sigmax.records import Outcome, Record
 from sigmax.reports.document import (
@@ -31,6 +32,7 @@ from sigmax.reports.figures import (
     colour,
     component_figure,
     limit,
+    modes_figure,
     nis_figure,
     path_figure,
     shown_in,
@@ -64,6 +66,11 @@ def page(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -
         if found is not None:
             figures["nis"], window = found
             sections.append(_nis(window, len(record.tracks)))
+        result = outcomes[advised].result
+        modes = None if result is None else modes_figure(record, result)
+        if modes is not None:
+            figures["modes"] = modes
+            sections.append(_modes(record, scores[advised]))
         weights = weights_figure(record, ran)
         if weights is not None:
             figures["weights"] = weights
@@ -187,6 +194,17 @@ def _nis(window: int, tracks: int) -> str:
     )
 
 
+def _modes(record: Record, score: Score) -> str:
+    rows = [[escape(name), f"{100 * share:.1f} %"] for name, share in score.modes.items()]
+    of = " of the first track" if len(record.tracks) > 1 else ""
+    return section(
+        "Which mode",
+        f"The probability of each mode at each step{of}, given what was measured until then, by {escape(score.label)}. "
+        "The table has the share of all steps.",
+        table(("mode", "share"), rows) + place("modes", "modes"),
+    )
+
+
 def _weights(scores: Sequence[Score]) -> str:
     rows = [
         [dotted(s.label, colour(i)), escape(sensor), f"{w.measurements:,}", _share(w.lowered, w), _share(w.refused, w)]
@@ -214,12 +232,16 @@ def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Scor
         return ", ".join(_estimate(record, str(n), m, s) for n, m, s in found)
 
     each = " of the first track" if len(record.tracks) > 1 else ""
-    rows = [(f"prior{each}", started(model.state, mean, cov)), ("noise of the motion, per second", _noise(model.Q))]
+    rows = [(f"prior{each}", started(model.state, mean, cov))]
+    modes = model.modes if isinstance(model, SwitchingModel) else {"": model}
+    for name, mode in modes.items():
+        rows.append((f"noise of the motion{f' in {name}' if name else ''}, per second", _noise(mode.Q)))
+    first = next(iter(modes.values()))
     if model.bias is not None:
         offsets = model.bias.prior
         rows.append(("prior of the bias", started(model.bias.names, offsets.mean, offsets.cov)))
         rows.append(("noise of the bias, per second", _noise(model.bias.Q)))
-    rows += [(f"noise of {s or 'the sensor'}", _noise(R)) for s, R in model.R.items()]
+    rows += [(f"noise of {s or 'the sensor'}", _noise(R)) for s, R in first.R.items()]
     rows += [(s.label, parts(o.trial.filter)) for o, s in zip(outcomes, scores, strict=True)]
     libraries = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "plotly"))
     rows.append(("versions", f"sigmax {sigmax.__version__}, {libraries}"))

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import chdtr, chdtri, ndtri
 
 from sigmax.algebra.factor import Diagonal
+from sigmax.models import Model, SwitchingModel
 from sigmax.models.noise import takes
 from sigmax.records import Outcome, Record
 from sigmax.reports.shares import outside_if, ratio_bounds, share_bounds
@@ -46,6 +47,7 @@ class Score:
         faults: number of steps that were not sound.
         first_fault: the first of them in words.
         weighed: by sensor, where the filter weighs its measurements.
+        modes: by name, the share of all steps, where the model has several.
         constants: mean and standard deviation at the end of components without noise and of the bias; of a single
             track only.
         seconds: the run.
@@ -71,6 +73,7 @@ class Score:
     faults: int = 0
     first_fault: str = ""
     weighed: dict[str, Weighed] = field(default_factory=dict)
+    modes: dict[str, float] = field(default_factory=dict)
     constants: dict[str, tuple[float, float]] | None = None
     seconds: float | None = None
     compile_seconds: float | None = None
@@ -109,6 +112,7 @@ def score(record: Record, outcome: Outcome) -> Score:
         faults=faults,
         first_fault=first,
         weighed=weighed(least),
+        modes=dict(zip(result.modes, result.probability[real].mean(0).tolist(), strict=True)) if result.modes else {},
         constants=_constants(record, result),
         seconds=outcome.seconds,
         compile_seconds=outcome.compile_seconds,
@@ -174,20 +178,28 @@ def _constants(record: Record, result: Result) -> dict[str, tuple[float, float]]
     """What a single track found out about components that its motion leaves without noise, and about the bias."""
     if len(record.tracks) > 1:
         return {}
-    moving = set(np.flatnonzero(_noise_per_second(record) != 0).tolist())
+    u = None if record.inputs is None else record.inputs[0, 0]
+    Q = _noise_per_second(record.model, np.atleast_2d(record.prior.mean)[0], u)
+    moving = set(np.flatnonzero(Q != 0).tolist())
     known = enumerate(told(record, result))
     return {one.name: (float(one.mean[0, -1]), float(one.deviation[0, -1])) for i, one in known if i not in moving}
 
 
-def _noise_per_second(record: Record) -> np.ndarray:
-    """The diagonal of Q, at the prior where it depends on the state."""
-    Q = record.model.Q
+def _noise_per_second(model: Model, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    """The diagonal of Q, at a state and inputs where it depends on them; of several modes the largest of each."""
+    if isinstance(model, SwitchingModel):
+        found = np.zeros(model.dim)
+        for mode in model.models:
+            own = _noise_per_second(mode, x[[model.state.index(name) for name in mode.state]], u)
+            at = [model.deviations.index(name) for name in mode.deviations]
+            found[at] = np.maximum(found[at], own)
+        return found
+    Q = model.Q
     if isinstance(Q, Diagonal):
         return np.asarray(Q.entries)
     if callable(Q):
-        x = jnp.asarray(np.atleast_2d(record.prior.mean)[0])
-        u = () if record.inputs is None else (jnp.asarray(record.inputs[0, 0]),)
+        given = (jnp.asarray(x), jnp.asarray(1.0), *(() if u is None else (jnp.asarray(u),)))
         count = takes(Q, "Q", (1, 2, 3))
-        Q = Q(*((jnp.asarray(1.0),) if count == 1 else (x, jnp.asarray(1.0), *u)[:count]))
+        Q = Q(*(given[1:2] if count == 1 else given[:count]))
     value = np.asarray(Q)
     return value if value.ndim == 1 else np.diagonal(value)

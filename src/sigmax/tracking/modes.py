@@ -77,7 +77,7 @@ class Modes:
     def __init__(
         self,
         modes: Sequence[tuple[Filter | str, Model]],
-        sojourn: Sequence[float] | None = None,
+        sojourn: Any = None,
         *,
         dtype: Any = "float64",
         backend: str | None = None,

@@ -2,6 +2,7 @@
 
 from sigmax.reports.figures.components import component_figure
 from sigmax.reports.figures.draw import Figure, Shown, colour, limit, shown_in
+from sigmax.reports.figures.modes import modes_figure
 from sigmax.reports.figures.nis import nis_figure
 from sigmax.reports.figures.path import path_figure
 from sigmax.reports.figures.weights import weights_figure
@@ -12,6 +13,7 @@ __all__ = [
     "colour",
     "component_figure",
     "limit",
+    "modes_figure",
     "nis_figure",
     "path_figure",
     "shown_in",

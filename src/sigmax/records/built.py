@@ -1,0 +1,35 @@
+"""What a description becomes: a model with what the edges know of it."""
+
+from typing import NamedTuple
+
+from sigmax.filters import Update
+from sigmax.models import Model
+from sigmax.records.bias import Biased
+from sigmax.records.description import Column
+from sigmax.records.sensor import Sensing
+from sigmax.records.units import Dimension
+
+
+class Input(NamedTuple):
+    """One input: where it comes from, what it is, and whose it is (no sensor: the motion's)."""
+
+    column: Column
+    dimension: Dimension | None
+    sensor: str | None
+    where: str
+
+
+class Built(NamedTuple):
+    """A model with what the edges know of it."""
+
+    model: Model
+    dimensions: tuple[Dimension, ...]
+    position: tuple[int, ...]
+    sensings: dict[str, Sensing]
+    inputs: tuple[Input, ...]
+    biased: Biased | None
+
+    @property
+    def updates(self) -> dict[str, Update]:
+        """How sensors correct, of those that say so."""
+        return {name: sensing.update for name, sensing in self.sensings.items() if sensing.update is not None}
