@@ -303,6 +303,7 @@ def test_a_live_filter_in_use_refuses_all_that_would_disturb_it():
         lambda: live.update([0.0]),
         lambda: live.expect(),
         lambda: live.save(),
+        lambda: live.at(1e9),
         lambda: live.restore(saved),
         lambda: live.mean,
         lambda: live.cov,

@@ -5,6 +5,7 @@ import re
 from typing import Any, NamedTuple
 
 from sigmax.errors import InputError, unknown
+from sigmax.running.intervals import SECONDS
 
 
 class Dimension(NamedTuple):
@@ -66,12 +67,7 @@ _UNITS: dict[str, tuple[float, Dimension]] = {
     "mi": (1609.344, LENGTH),
     "nmi": (_NAUTICAL_MILE, LENGTH),
     "NM": (_NAUTICAL_MILE, LENGTH),
-    "s": (1.0, TIME),
-    "ms": (1e-3, TIME),
-    "us": (1e-6, TIME),
-    "ns": (1e-9, TIME),
-    "min": (60.0, TIME),
-    "h": (3600.0, TIME),
+    **{unit: (seconds, TIME) for unit, seconds in SECONDS.items()},
     "rad": (1.0, ANGLE),
     "mrad": (1e-3, ANGLE),
     "deg": (_DEGREE, ANGLE),

@@ -1,5 +1,6 @@
 """The time between steps, as people give it."""
 
+import re
 from contextlib import suppress
 from datetime import timedelta
 from typing import Any
@@ -10,17 +11,51 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.models.checks import finite, is_traced, numbers
 
+# Units of time, in seconds.
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+
+
+def instant(what: str, given: Any) -> float:
+    """A time in seconds.
+
+    Raises:
+        InputError: for what is not one finite number.
+    """
+    if type(given) is float and abs(given) < np.inf:
+        return given
+    value = numbers(what, given)
+    if np.ndim(value) or not abs(value) < np.inf:
+        raise InputError(f"{what} must be one finite number of seconds, from whatever zero; it is {given!r}")
+    return float(value)
+
+
+def duration(what: str, given: Any) -> float:
+    """The seconds of a span of time: a number, a timedelta, or text such as "200 ms".
+
+    Raises:
+        InputError: for anything else, and below 0.
+    """
+    value = given
+    if isinstance(given, str):
+        written = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(\w+)\s*", given, re.ASCII)
+        if not written or written[2] not in SECONDS:
+            raise InputError(f'{what} is a span of time such as "2 s" or "200 ms"; it is {given!r}')
+        value = float(written[1]) * SECONDS[written[2]]
+    value = _in_seconds(value)
+    if np.ndim(value) or not 0 <= value < np.inf:
+        raise InputError(f"{what} must be one number of seconds, finite and not negative; it is {given}")
+    return float(value)
+
 
 def seconds_of(dt: Any) -> float:
-    """The seconds of a step, from a number or a timedelta.
+    """The seconds of a step, from a number, a timedelta or text.
 
     Raises:
         InputError: for anything else, and where time runs backwards.
     """
-    value = dt if type(dt) is float else _in_seconds(dt)
-    if np.ndim(value) or not 0 <= value < np.inf:
-        raise InputError(f"dt must be one number of seconds, finite and not negative; it is {dt}")
-    return float(value)
+    if type(dt) is float and 0 <= dt < np.inf:
+        return dt
+    return duration("dt", dt)
 
 
 def _in_seconds(dt: Any) -> Any:

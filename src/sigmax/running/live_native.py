@@ -1,6 +1,6 @@
 """The state of a live filter on steps compiled for this machine."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -59,26 +59,44 @@ class NativeState:
     @property
     def belief(self) -> Belief:
         """The belief, batch last."""
-        whole = self.packing.unpacked(self.rows)
+        return self.belief_of(self.rows)
+
+    def belief_of(self, rows: np.ndarray) -> Belief:
+        """Rows as a belief."""
+        whole = self.packing.unpacked(rows)
         return whole if self._batched else jax.tree.map(lambda a: a[..., 0], whole)
 
-    @belief.setter
-    def belief(self, belief: Belief) -> None:
+    def rows_of(self, belief: Belief) -> np.ndarray:
+        """A belief as rows."""
         batched = belief if self._batched else jax.tree.map(lambda a: np.asarray(a)[..., None], belief)
-        self.rows[:] = self.packing.packed(batched)
+        return self.packing.packed(batched).astype(self.dtype, copy=False)
+
+    def held(self) -> np.ndarray:
+        """What `put_held` takes up again, bit for bit; nobody changes it."""
+        return self.rows.copy()
+
+    def put_held(self, held: np.ndarray, fault: Any) -> None:
+        """Take up what was held, and the faults of the tracks."""
+        self.rows[:] = held
+        self.fault[...] = fault
+
+    def kept(self, helds: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Means (B, T, n), factors (B, T, n, n) and what stands behind them of T that were held; without B of one."""
+        rows, n = np.stack(helds, 1), self.packing.n
+        S = np.zeros((*rows.shape[:2], n * n), self.dtype)
+        S[..., np.flatnonzero(np.tri(n))] = rows[..., self.packing.points : self.packing.head]
+        parts = rows[..., : self.packing.points], S.reshape(*rows.shape[:2], n, n), rows[..., self.packing.head :]
+        mean, factor, rest = parts if self._batched else (a[0] for a in parts)
+        return mean, factor, rest if self.packing.modes else None
 
     @property
     def factor(self) -> np.ndarray:
         """(n, n) or (B, n, n)."""
-        n = self.packing.n
-        S = np.zeros((len(self.rows), n * n), self.dtype)
-        S[:, np.flatnonzero(np.tri(n))] = self.rows[:, self.packing.points : self.packing.head]
-        return S.reshape(-1, n, n) if self._batched else S.reshape(n, n)
+        return self.kept([self.rows])[1][..., 0, :, :]
 
     def put(self, belief: Any, fault: Any) -> None:
         """Take up another belief, and the faults of the tracks."""
-        self.belief = belief
-        self.fault[...] = fault
+        self.put_held(self.rows_of(belief), fault)
 
     def predict(self, dt: float, u: np.ndarray | None) -> None:
         """Move on."""

@@ -1,6 +1,6 @@
 """The state of a live filter on XLA."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
@@ -15,6 +15,7 @@ from sigmax.models.opaque import failures_raised
 from sigmax.running.advance import Advanced, Instant, advance
 from sigmax.running.covariances import covariances
 from sigmax.running.half_steps import half_steps
+from sigmax.running.packing import Packing
 from sigmax.running.step import Innovation
 from sigmax.running.xla_engine import batch_first, batch_last
 
@@ -53,6 +54,30 @@ class XlaState:
         """(n, n) or (B, n, n)."""
         made: np.ndarray = covariances(self.factor)
         return made
+
+    def belief_of(self, held: Any) -> Any:
+        """What was held, as a belief."""
+        return held
+
+    def rows_of(self, belief: Any) -> Any:
+        """A belief, to be held."""
+        return jax.tree.map(jnp.asarray, belief)
+
+    def held(self) -> Any:
+        """See `NativeState`."""
+        return self.belief
+
+    def put_held(self, held: Any, fault: Any) -> None:
+        """Take up what was held, and the faults of the tracks."""
+        self.put(held, fault)
+
+    def kept(self, helds: Sequence[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """See `NativeState`."""
+        packing = Packing.of(self.model)
+        arrays = [(b.mean, b.factor, *([packing.rest(b)] if packing.modes else [])) for b in helds]
+        stacked = (np.stack([np.asarray(a) for a in some]) for some in zip(*arrays, strict=True))
+        mean, factor, *rest = (np.moveaxis(a, -1, 0) if self.belief.mean.ndim == 2 else a for a in stacked)
+        return mean, factor, rest[0] if rest else None
 
     def put(self, belief: Any, fault: Any) -> None:
         """Take up another belief, and the faults of the tracks."""

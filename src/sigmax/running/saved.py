@@ -15,13 +15,12 @@ from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
 from sigmax.native.fingerprint import fingerprint
 from sigmax.running.joining import modes_of
-from sigmax.running.step import Belief
 
-_BEGINNING = b"sigmax state 2\n"
+_BEGINNING = b"sigmax state 3\n"
 _DIGEST = hashlib.sha256().digest_size
 
 
-def identity(filter: Filter, model: Model) -> dict[str, Any]:
+def identity(filter: Filter, model: Model, window: float, lag: float) -> dict[str, Any]:
     """What a state belongs to: whoever differs in one of these cannot take it up.
 
     The functions and numbers of filter and model are in the fingerprint, where they can be seen through; bytecode
@@ -36,6 +35,8 @@ def identity(filter: Filter, model: Model) -> dict[str, Any]:
         "state": list(map(str, model.state)),
         "bias": [] if model.bias is None else list(map(str, model.bias.names)),
         "sensors": {s: None if names is None else list(map(str, names)) for s, names in model.measurement.items()},
+        "window": window,
+        "lag": lag,
         "fingerprint": None if found is None else f"{platform.python_version()} {found}",
     }
 
@@ -61,16 +62,22 @@ def _fingerprint(filter: Filter, model: Model) -> str | None:
     return hashlib.sha256(repr(about).encode()).hexdigest()
 
 
-def saved(belief: Belief, fault: Any, owner: dict[str, Any]) -> bytes:
-    """A belief and its fault as bytes: a digest of the rest, what the state belongs to, its arrays."""
-    arrays = [np.ascontiguousarray(a) for a in (*jax.tree.leaves(belief), np.ravel(np.asarray(fault, np.int8)))]
-    about = {"owner": owner, "arrays": [[a.dtype.str, list(a.shape)] for a in arrays]}
+def saved(value: list[Any], owner: dict[str, Any]) -> bytes:
+    """A value of lists, dicts, text, numbers and arrays as bytes: a digest of the rest, what it belongs to, arrays."""
+    arrays: list[np.ndarray] = []
+    written = _written(value, arrays)
+    about = {"owner": owner, "value": written, "arrays": [[a.dtype.str, list(a.shape)] for a in arrays]}
     content = json.dumps(about).encode() + b"\n" + b"".join(a.tobytes() for a in arrays)
     return _BEGINNING + hashlib.sha256(content).digest() + content
 
 
-def restored(content: bytes, like: Belief, fault: Any, owner: dict[str, Any]) -> tuple[Belief, np.ndarray]:
-    """The belief of bytes, laid out as `like`, and the fault of each track.
+def restored(content: bytes, like: list[Any], owner: dict[str, Any]) -> list[Any]:
+    """The value of bytes.
+
+    Args:
+        content: the bytes.
+        like: a value of the same filter, whose belief [1] and faults [2] say which shapes are needed.
+        owner: of `identity`.
 
     Raises:
         InputError: where the bytes are no such state, damaged, of another filter or model, or not finite.
@@ -86,18 +93,33 @@ def restored(content: bytes, like: Belief, fault: Any, owner: dict[str, Any]) ->
     header, _, rest = content[start:].partition(b"\n")
     about = json.loads(header)
     _check_owner(about["owner"], owner)
-    leaves, structure = jax.tree.flatten(like)
-    wanted = [[np.dtype(a.dtype).str, list(np.shape(a))] for a in (*leaves, np.ravel(np.asarray(fault, np.int8)))]
-    if about["arrays"] != wanted:
-        raise InputError(f"the saved state has arrays {about['arrays']}, this filter needs {wanted}")
-    found, at = [], 0
-    for kind, shape in wanted:
-        count = int(np.prod(shape))
-        found.append(np.frombuffer(rest, kind, count, at).reshape(shape).copy())
-        at += found[-1].nbytes
-    if not all(np.isfinite(a).all() for a in found):
+    arrays, at = [], 0
+    for kind, shape in about["arrays"]:
+        arrays.append(np.frombuffer(rest, kind, int(np.prod(shape)), at).reshape(shape).copy())
+        at += arrays[-1].nbytes
+    value: list[Any] = _read(about["value"], arrays)
+    found, wanted = ([[a.dtype.str, list(a.shape)] for a in (*one[1], one[2])] for one in (value, like))
+    if found != wanted:
+        raise InputError(f"the saved state has arrays {found}, this filter needs {wanted}")
+    if not all(np.isfinite(a).all() for a in value[1]):
         raise InputError("the saved state is not finite")
-    return jax.tree.unflatten(structure, found[:-1]), found[-1]
+    return value
+
+
+def _written(value: Any, arrays: list[np.ndarray]) -> Any:
+    """For JSON: an array as its number in a dict of its own."""
+    if isinstance(value, np.ndarray | jax.Array):
+        arrays.append(np.ascontiguousarray(value))
+        return {"array": len(arrays) - 1, "axes": np.ndim(value)}
+    if isinstance(value, list):
+        return [_written(v, arrays) for v in value]
+    return value
+
+
+def _read(value: Any, arrays: list[np.ndarray]) -> Any:
+    if isinstance(value, dict) and value.keys() == {"array", "axes"}:
+        return arrays[value["array"]].reshape(arrays[value["array"]].shape[: value["axes"]])
+    return [_read(v, arrays) for v in value] if isinstance(value, list) else value
 
 
 def _check_owner(owner: dict[str, Any], wanted: dict[str, Any]) -> None:

@@ -68,18 +68,26 @@ def smooth(
         _check_same("inputs", u, result.stored_inputs, 2)
     model = cast(augment(model, chosen.form.bias_first), dtype)
     traced = is_traced((kept, model, elapsed, u))
+    return Smoothed(result.layout, *backwards(chosen, model, kept, elapsed, u, result.layout.batched, traced, backend))
+
+
+def backwards(
+    filter: Filter, model: Model, kept: Any, dt: Any, u: Any, batched: bool, traced: bool, backend: str | None
+) -> tuple[Any, Any, Any, Any]:
+    """Smoothed means, factors, faults and modes of filtered ones, all with the batch first; the arguments checked."""
 
     def with_xla() -> Any:
-        batched = result.layout.batched
         mean, factor, fault, rest = (None if a is None else batch_last(a, a.ndim - batched) for a in kept)
-        steps = batch_last(elapsed, 1), None if u is None else batch_last(u, 2)
+        steps = batch_last(dt, 1), None if u is None else batch_last(u, 2)
         made = (_backwards if traced or tracing() else _compiled_backwards)(
-            chosen, model, mean, factor, fault, rest, *steps
+            filter, model, mean, factor, fault, rest, *steps
         )
         return jax.tree.map(batch_first if batched else jnp.asarray if traced else np.asarray, made)
 
-    made = attempt(backend, traced, lambda: native_engine.smoothed(chosen, model, kept, elapsed, u), with_xla)
-    return Smoothed(result.layout, *made)
+    made: tuple[Any, Any, Any, Any] = attempt(
+        backend, traced, lambda: native_engine.smoothed(filter, model, kept, dt, u), with_xla
+    )
+    return made
 
 
 def _check_layout(model: Model, ran: Layout, bias_first: bool) -> None:

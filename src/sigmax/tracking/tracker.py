@@ -1,6 +1,5 @@
 """A tracker at the end of live sensors: scans in any order of arrival, within a window."""
 
-from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -8,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.running.timeline import Entry, Timeline
 from sigmax.tracking.cycle import Cycle
 from sigmax.tracking.detector import Scan
 from sigmax.tracking.state import State, Told
@@ -16,22 +16,12 @@ from sigmax.tracking.state import State, Told
 _PATIENCE = 10
 
 
-class _Entry(NamedTuple):
-    scan: Scan
-    before: State
-    told: Told
-
-    @property
-    def key(self) -> tuple[float, str]:
-        return self.scan.time, self.scan.sensor
-
-
 class Saved(NamedTuple):
     """What `Tracker.save` gives: a value that can be written down."""
 
     state: State
     counts: dict[str, int]
-    recent: tuple[_Entry, ...]
+    recent: tuple[Entry, ...]
     held: Scan | None
     refused_on_end: int
 
@@ -64,14 +54,14 @@ class Tracker:
         self.state = cycle.begin()
         self.counts: Counter[str] = Counter()
         self._settled: list[Told] = []
-        self._recent: list[_Entry] = []
+        self._recent: Timeline[State, Scan] = Timeline(cycle.advance)
         self._held: Scan | None = None
         self._refused_on_end = 0
 
     @property
     def history(self) -> list[Told]:
         """What every scan did, in the order of time (scans at one time by the name of their sensor)."""
-        return [*self._settled, *(e.told for e in self._recent)]
+        return [*self._settled, *(e.told for e in self._recent.entries)]
 
     def forget(self) -> None:
         """Drop the part of the history that no scan can change any more, so that memory stays bounded."""
@@ -79,12 +69,12 @@ class Tracker:
 
     def save(self) -> Saved:
         """All that later scans depend on, as a value; the settled history is not part of it."""
-        return Saved(self.state, dict(self.counts), tuple(self._recent), self._held, self._refused_on_end)
+        return Saved(self.state, dict(self.counts), tuple(self._recent.entries), self._held, self._refused_on_end)
 
     def restore(self, saved: Saved) -> None:
         """Take up what `save` gave: the scans that follow do, bit for bit, what they would have done there."""
         self.state, self._held, self._refused_on_end = saved.state, saved.held, saved.refused_on_end
-        self.counts, self._recent = Counter(saved.counts), list(saved.recent)
+        self.counts, self._recent.entries = Counter(saved.counts), list(saved.recent)
         self._settled.clear()
 
     def step(self, scan: Scan) -> Told | None:
@@ -122,36 +112,23 @@ class Tracker:
             self._restart()
             latest = None
         self._refused_on_end = 0
-        place = bisect_right(self._recent, (scan.time, scan.sensor), key=lambda e: e.key)
-        if any(_same(e.scan, scan) for e in self._recent[:place] if e.key == (scan.time, scan.sensor)):
+        key = _key(scan)
+        place = self._recent.place(key)
+        if any(e.key == key and _same(e.event, scan) for e in self._recent.entries[:place]):
             self.counts["repeated"] += 1
             return None
         late = latest is not None and scan.time < latest
         self.counts["late" if late else "taken"] += 1
-        again = [scan, *(e.scan for e in self._recent[place:])]
-        if place < len(self._recent):
-            self.state = self._recent[place].before
-        del self._recent[place:]
-        for one in again:
-            before = self.state
-            self.state, told = self.cycle.advance(before, one)
-            self._recent.append(_Entry(one, before, told))
-        told = self._recent[place].told
-        self._settle()
-        return told
-
-    def _settle(self) -> None:
-        """What no scan can come before any more needs no state."""
+        self.state = self._recent.redo(place, [(key, scan), *self._recent.events(place)], self.state)
+        told: Told = self._recent.entries[place].told
         assert self.state.tracks.time is not None
-        until = self.state.tracks.time - self.window
-        count = next((i for i, e in enumerate(self._recent) if e.scan.time >= until), len(self._recent))
-        self._settled += [e.told for e in self._recent[:count]]
-        del self._recent[:count]
+        self._settled += [e.told for e in self._recent.settle(self.state.tracks.time - self.window)]
+        return told
 
     def _restart(self) -> None:
         self.counts["restarts"] += 1
-        self._settled += [e.told for e in self._recent]
-        self._recent.clear()
+        self._settled += [e.told for e in self._recent.entries]
+        self._recent.entries.clear()
         self.state = self.cycle.begin()._replace(next_id=self.state.next_id)
 
 
@@ -161,4 +138,8 @@ def _same(one: Scan, other: Scan) -> bool:
 
 def in_order(scans: Iterable[Scan]) -> list[Scan]:
     """Scans by time; those at one time by the name of their sensor."""
-    return sorted(scans, key=lambda s: (s.time, s.sensor))
+    return sorted(scans, key=_key)
+
+
+def _key(scan: Scan) -> tuple[float, str]:
+    return scan.time, scan.sensor
