@@ -347,7 +347,7 @@ def test_a_mode_that_fails_leaves_the_others(backend):
     got = sigmax.run("EKF", model, PRIOR, z, backend=backend)
     late = got.mean[:, 0] > 6
     assert late.sum() > 10
-    assert (got.fault[late] == Fault.MODE_FAILED).all()
+    assert (got.fault[late] == Fault.MEMBER_FAILED).all()
     assert "a mode of several failed" in got.faults()[0]
     assert (got.probability[late, 1] == 0).all()
     assert np.abs(got.mean[late, 0] - z[late, 0]).max() < 1.5

@@ -1,5 +1,6 @@
 """Filters: a rule for the prediction, a rule for the correction, a form, an update; and their catalogue."""
 
+from sigmax.filters.bank import Bank, bank
 from sigmax.filters.catalogue import Entry, catalogue, get, names
 from sigmax.filters.filter import Filter, ModeFilters
 from sigmax.filters.update import BySensor, Update, by_sensor, iterated, named, once, robust
@@ -7,6 +8,7 @@ from sigmax.filters.weights import WEIGHTS, Gate, Huber, Student, Weighed, Weigh
 
 __all__ = [
     "WEIGHTS",
+    "Bank",
     "BySensor",
     "Entry",
     "Filter",
@@ -17,6 +19,7 @@ __all__ = [
     "Update",
     "Weighed",
     "Weight",
+    "bank",
     "by_sensor",
     "catalogue",
     "get",

@@ -1,13 +1,14 @@
-"""The half-steps of any filter on any model, of one mode or of several, in one shape for both engines."""
+"""The half-steps of any filter on any model, of one belief or of several, in one shape for both engines."""
 
 from typing import Any, Protocol
 
 from sigmax.algebra.factor import cholesky
-from sigmax.filters import Filter, ModeFilters
+from sigmax.filters import Bank, Filter, ModeFilters
 from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
 from sigmax.running import smooth_step, step
+from sigmax.running.bank_steps import BankSteps
 from sigmax.running.mode_steps import ModeSteps
 from sigmax.running.step import Belief, Innovation
 
@@ -24,11 +25,15 @@ class HalfSteps(Protocol):
     def correct(self, sensor: str, R: Any, belief: Any, z: Any, u: Any) -> tuple[Any, Innovation, Any]:
         """The belief after a measurement, what it said, and the fault; R None for the model's."""
 
+
+class BackSteps(Protocol):
+    """The same backwards."""
+
     def back(self, filtered: Any, later: Any, later_fault: Any, dt: Any, u: Any) -> tuple[Any, Any]:
         """The smoothed belief of a step from that of the step after it, and the fault."""
 
 
-class _OneMode:
+class _OneBelief:
     def __init__(self, filter: Filter, model: Model) -> None:
         self.filter, self.model, self.root = filter, model, noise_root(model.Q)
 
@@ -49,7 +54,12 @@ class _OneMode:
 
 def half_steps(filter: Filter, model: Model) -> HalfSteps:
     """The half-steps of a filter on a model without a bias."""
+    return BankSteps(filter, model) if isinstance(filter, Bank) else back_steps(filter, model)
+
+
+def back_steps(filter: Filter, model: Model) -> _OneBelief | ModeSteps:
+    """The same with the steps backwards of a smoother, which a bank takes from its members' filter."""
     if isinstance(model, SwitchingModel):
         assert isinstance(filter, ModeFilters)
         return ModeSteps(filter.modes, model)
-    return _OneMode(filter, model)
+    return _OneBelief(filter, model)

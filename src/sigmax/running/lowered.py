@@ -15,7 +15,7 @@ from sigmax.native.driver import Step, driver, steps
 from sigmax.native.fingerprint import fingerprint
 from sigmax.native.graph import Array, array_of
 from sigmax.running.fusing import with_members_live
-from sigmax.running.half_steps import half_steps
+from sigmax.running.half_steps import back_steps, half_steps
 from sigmax.running.packing import Packing
 
 # What `correct` tells, in the order of record.c.
@@ -49,7 +49,7 @@ class Lowered:
         self.filter, self.structure, self.inputs, self.dtype = filter, structure, inputs, np.dtype(dtype)
         self._alone, self._numbers = alone, numbers
         self.zeros = [np.array(pattern).reshape(shape) for shape, pattern in zeros]
-        self.packing = Packing.of(self._model([np.zeros(z.shape) for z in self.zeros]))
+        self.packing = Packing.of(filter, self._model([np.zeros(z.shape) for z in self.zeros]))
         self._made: dict[tuple[Any, ...], Step] = {}
 
     def need(self, *parts: tuple[Any, ...]) -> list[Step]:
@@ -192,7 +192,7 @@ class Lowered:
             count = self.packing.length
             (now, later), (dt, fault, *u) = (given[:count], given[count : 2 * count]), given[2 * count :]
             beliefs = self.packing.belief(now), self.packing.belief(later)
-            new, failed = half_steps(self.filter, model).back(*beliefs, fault, dt, u[0] if u else None)
+            new, failed = back_steps(self.filter, model).back(*beliefs, fault, dt, u[0] if u else None)
             return *self.packing.arrays(new), failed
 
         dt, *u, fault = self._given(g, (), *(((self.inputs,),) if self.inputs else ()), ())

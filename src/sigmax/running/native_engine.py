@@ -45,7 +45,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
     needed = [("predict",), *(("correct", s, v.shape[-1]) for s, v in z.items())]
     low.need(("start",), *needed)
     B, T, dtype = 1 if ready.batch is None else ready.batch, ready.dt.shape[-1], low.dtype
-    points, n, modes = low.packing
+    points, n, members = low.packing
     state = started(low, ready.model, ready.mean, ready.cov, B)
 
     def array(part: str, *shape: int, of: Any = dtype) -> np.ndarray | None:
@@ -60,7 +60,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
         fault=array("fault", of=np.int8),
         dof=array("dof", of=np.int64),
         total=np.empty(B, dtype),
-        rest=array("modes", low.packing.size - low.packing.head) if modes else None,
+        rest=array("modes", low.packing.size - low.packing.head) if members else None,
         innovation={
             s: Innovation(np.empty((B, T, m), dtype), np.empty((B, T, m, m), dtype), None, None, None)
             for s, m in dims.items()

@@ -1,16 +1,18 @@
-"""A belief as one row of numbers: the mean, then the lower factor row by row; of several modes, theirs behind it."""
+"""A belief as one row of numbers: the mean, then the lower factor row by row; of several beliefs, theirs behind it."""
 
+from itertools import starmap
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.filters import Bank, Filter
 from sigmax.models.model import Model
-from sigmax.models.switching import SwitchingModel
 from sigmax.native import Graph, Refused
 from sigmax.native.graph import Array
 from sigmax.native.node import Node
-from sigmax.running.mode_steps import ModesBelief
+from sigmax.running.joining import modes_of
+from sigmax.running.mixture import MixtureBelief
 from sigmax.running.step import Belief
 
 
@@ -20,18 +22,22 @@ class Packing(NamedTuple):
     Attributes:
         points: numbers of the mean.
         n: rows of the factor.
-        modes: the packing of each mode, whose logarithms of probabilities end the row; none for a filter of one mode.
+        members: the packing of each mode or member of a bank, whose logarithms of probabilities end the row; none for a
+            filter of one belief.
     """
 
     points: int
     n: int
-    modes: tuple["Packing", ...] = ()
+    members: tuple["Packing", ...] = ()
 
     @classmethod
-    def of(cls, model: Model) -> "Packing":
-        """That of the beliefs of a model's filters."""
-        modes = tuple(map(cls.of, model.models)) if isinstance(model, SwitchingModel) else ()
-        return cls(model.space.size, model.space.dim, modes)
+    def of(cls, filter: Filter, model: Model) -> "Packing":
+        """That of the beliefs of a filter on a model."""
+        own = cls(model.space.size, model.space.dim)
+        if isinstance(filter, Bank):
+            return own._replace(members=(own,) * filter.kept)
+        each = modes_of(filter, model)
+        return own if len(each) == 1 else own._replace(members=tuple(starmap(cls.of, each)))
 
     @property
     def head(self) -> int:
@@ -41,25 +47,25 @@ class Packing(NamedTuple):
     @property
     def size(self) -> int:
         """Numbers in a row."""
-        return self.head + sum(m.size for m in self.modes) + len(self.modes)
+        return self.head + sum(m.size for m in self.members) + len(self.members)
 
     @property
     def length(self) -> int:
         """Arrays of a belief, one after the other."""
-        return 2 + 2 * len(self.modes) + bool(self.modes)
+        return 2 + 2 * len(self.members) + bool(self.members)
 
     def belief(self, arrays: Any) -> Any:
         """The belief of its arrays."""
-        if not self.modes:
+        if not self.members:
             return Belief(*arrays)
         pairs = zip(arrays[2:-1:2], arrays[3:-1:2], strict=True)
-        return ModesBelief(arrays[0], arrays[1], tuple(Belief(*pair) for pair in pairs), arrays[-1])
+        return MixtureBelief(arrays[0], arrays[1], tuple(Belief(*pair) for pair in pairs), arrays[-1])
 
     def arrays(self, belief: Any) -> list[Any]:
         """The arrays of a belief."""
-        if not self.modes:
+        if not self.members:
             return list(belief)
-        return [belief.mean, belief.factor, *(a for mode in belief.modes for a in mode), belief.log_weight]
+        return [belief.mean, belief.factor, *(a for mode in belief.members for a in mode), belief.log_weight]
 
     def symbols(self, g: Graph, group: str) -> list[Array]:
         """The arrays as inputs of a graph, zeros above diagonals."""
@@ -69,10 +75,10 @@ class Packing(NamedTuple):
         factor = zeros(self.n)
         factor[np.tril_indices(self.n)] = row[self.points : self.head]
         found, at = [row[: self.points], factor], self.head
-        for mode in self.modes:
+        for mode in self.members:
             found += mode._split(row[at : at + mode.size], zeros)
             at += mode.size
-        return [*found, row[at:]] if self.modes else found
+        return [*found, row[at:]] if self.members else found
 
     def nodes(self, arrays: list[Array]) -> list[Node]:
         """The row of a belief that was computed, checked to be as `symbols` supposes.
@@ -85,11 +91,13 @@ class Packing(NamedTuple):
             if any(not (node.known and node.value == 0) for node in factor[np.triu_indices(packing.n, 1)]):
                 raise Refused("a form whose factor is not lower triangular by construction")
             made += [*mean, *factor[np.tril_indices(packing.n)]]
-        return [*made, *arrays[-1]] if self.modes else made
+        return [*made, *arrays[-1]] if self.members else made
 
     def _each(self, arrays: list[Any]) -> list[tuple["Packing", Any, Any]]:
         """Each mean and factor with its packing."""
-        return list(zip((self, *self.modes), arrays[: self.length - bool(self.modes) : 2], arrays[1::2], strict=True))
+        return list(
+            zip((self, *self.members), arrays[: self.length - bool(self.members) : 2], arrays[1::2], strict=True)
+        )
 
     def unpacked(self, rows: np.ndarray) -> Any:
         """Rows (B, size) as a belief, batch last."""
@@ -106,15 +114,15 @@ class Packing(NamedTuple):
     def _row(self, belief: Any, first: int) -> Any:
         arrays = self.arrays(belief)
         made = [part for p, m, S in self._each(arrays)[first:] for part in (m, S[np.tril_indices(p.n)])]
-        return jnp.concatenate([*made, *([arrays[-1]] if self.modes else [])])
+        return jnp.concatenate([*made, *([arrays[-1]] if self.members else [])])
 
     def behind(self, rest: Any) -> list[Any]:
         """The arrays of what stands behind the mean and the factor, over time (T, k, ...)."""
         found, at = [], 0
-        for mode in self.modes:
+        for mode in self.members:
             mean, lower = rest[:, at : at + mode.points], rest[:, at + mode.points : at + mode.size]
             factor = jnp.zeros((len(rest), mode.n, mode.n, *rest.shape[2:]), rest.dtype)
             i, j = np.tril_indices(mode.n)
             found += [mean, factor.at[:, i, j].set(lower)]
             at += mode.size
-        return [*found, rest[:, at:]] if self.modes else []
+        return [*found, rest[:, at:]] if self.members else []

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.filters import Filter, ModeFilters, get
+from sigmax.filters import Bank, Filter, ModeFilters, get
 from sigmax.models.checks import by_name, enough_memory, finite, is_traced, numbers
 from sigmax.models.fusion import Fused, put_together
 from sigmax.models.gaussian import Gaussian
@@ -70,6 +70,8 @@ def as_filter(filter: Filter | str | None, model: Model | None = None) -> Filter
             raise InputError(
                 f"all modes, {list(model.names)}, name their own filters: give None in the place of {filter}"
             )
+        if isinstance(filter, Bank) or any(isinstance(own, Bank) for own in model.filters):
+            raise InputError("a mode has one belief, and a bank several: name the filter of the bank's members")
         return ModeFilters.of([own or as_filter(filter) for own in model.filters])
     if isinstance(filter, Filter):
         return filter

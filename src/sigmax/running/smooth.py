@@ -8,14 +8,14 @@ import numpy as np
 
 from sigmax.algebra.compiling import compiled, tracing
 from sigmax.errors import InputError
-from sigmax.filters import Filter
+from sigmax.filters import Bank, Filter
 from sigmax.models.augment import augment
 from sigmax.models.checks import is_traced
 from sigmax.models.model import Model
 from sigmax.running import native_engine
 from sigmax.running.backend import attempt
 from sigmax.running.current import current_model
-from sigmax.running.half_steps import half_steps
+from sigmax.running.half_steps import back_steps
 from sigmax.running.layout import Layout
 from sigmax.running.packing import Packing
 from sigmax.running.prepare import as_filter, cast, laid_out_steps
@@ -55,6 +55,9 @@ def smooth(
     if not isinstance(result, Result):
         raise InputError(f"result must be what sigmax.run gave, it is {type(result).__name__}")
     chosen = as_filter(filter, model).on(model.biases)
+    if isinstance(chosen, Bank):
+        # Members merge on the way and have no one past: what is smoothed is the mixture's mean and covariance.
+        chosen = chosen.one
     kept = result.kept()
     dtype = kept[0].dtype
     _check_layout(model, result.layout, chosen.form.bias_first)
@@ -121,7 +124,7 @@ def _check_same(what: str, given: Any, ran: Any, core: int) -> None:
 def _backwards(
     filter: Filter, model: Model, mean: Any, factor: Any, fault: Any, rest: Any, dt: Any, u: Any
 ) -> tuple[Any, Any, Any, Any]:
-    steps, packing = half_steps(filter, model), Packing.of(model)
+    steps, packing = back_steps(filter, model), Packing.of(filter, model)
     arrays = [mean, factor, *packing.behind(rest)]
 
     def step(later: Any, at: Any) -> tuple[Any, Any]:
@@ -134,7 +137,7 @@ def _backwards(
     _, (made, failed) = jax.lax.scan(step, last, ([a[:-1] for a in arrays], fault[1:], dt[1:], inputs), reverse=True)
     all_steps = [jnp.concatenate([a, b[-1:]]) for a, b in zip(made, arrays, strict=True)]
     failed = jnp.concatenate([failed, jnp.zeros_like(fault[-1:])])
-    behind = jax.vmap(packing.rest)(packing.belief(all_steps)) if packing.modes else None
+    behind = jax.vmap(packing.rest)(packing.belief(all_steps)) if packing.members else None
     return all_steps[0], all_steps[1], failed, behind
 
 

@@ -32,7 +32,7 @@ class Fault(IntEnum):
     what the straight line misses too large, never too small; or one of several modes failed and the others went on.
     """
 
-    MODE_FAILED = -3
+    MEMBER_FAILED = -3
     CORRECTION_WIDENED = -2
     PREDICTION_WIDENED = -1
     NONE = 0
@@ -51,7 +51,7 @@ class Fault(IntEnum):
 
 _POSITIVE = "take a set without them: alpha = 1 and kappa of at least 0, or cubature of degree 3"
 _MESSAGES = {
-    Fault.MODE_FAILED: (
+    Fault.MEMBER_FAILED: (
         "a mode of several failed and counts nothing until another changes into it; run its model alone to see why"
     ),
     Fault.CORRECTION_WIDENED: (

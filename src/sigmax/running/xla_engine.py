@@ -121,7 +121,7 @@ def _scan(
     u: Any,
 ) -> Parts:
     """The run over a record: total log-likelihood and what is kept, batch last."""
-    steps, packing = half_steps(filter, model), Packing.of(model)
+    steps, packing = half_steps(filter, model), Packing.of(filter, model)
 
     def step(
         carry: tuple[Any, jax.Array], here: tuple[Instant, jax.Array]
@@ -140,7 +140,7 @@ def _scan(
             "step_log_likelihood": log_likelihood,
             "innovation": said,
         }
-        if packing.modes:
+        if packing.members:
             parts["modes"] = packing.rest(belief)
         return (belief, total + log_likelihood), {name: parts[name] for name in keep & parts.keys()}
 
