@@ -214,7 +214,9 @@ def shifted(parameters):
     return sigmax.Model(motion=lambda x, dt: x, sensor=lambda x: x + offset, Q=[1e-9], R=[parameters["r"]]), prior
 
 
-@pytest.mark.parametrize("name", ["EKF", "SREUKF", "PIF"])
+@pytest.mark.parametrize(
+    "name", ["EKF", pytest.param("SREUKF", marks=pytest.mark.slow), pytest.param("PIF", marks=pytest.mark.slow)]
+)
 def test_the_log_likelihood_differentiates(name):
     """Covariance, signed square root and information form, orders 1 and 2: against differences of the value."""
     z = turning_record(3)

@@ -21,7 +21,7 @@ if "jax" in sys.modules:
 _HOME = {
     "sigmax.errors": ("InputError",),
     "sigmax.export": ("export_c",),
-    "sigmax.filters": ("Filter", "catalogue", "get", "iterated", "names", "once", "robust"),
+    "sigmax.filters": ("Filter", "bank", "catalogue", "get", "iterated", "names", "once", "robust"),
     "sigmax.models": (
         "Bias",
         "Gaussian",
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from sigmax import filters, forms, models, records, reports, rules, running, spaces, studies, tracking
     from sigmax.errors import InputError
     from sigmax.export import export_c
-    from sigmax.filters import Filter, catalogue, get, iterated, names, once, robust
+    from sigmax.filters import Filter, bank, catalogue, get, iterated, names, once, robust
     from sigmax.models import (
         Bias,
         Gaussian,
@@ -88,6 +88,7 @@ __all__ = [
     "Model",
     "Result",
     "angle",
+    "bank",
     "builtin",
     "catalogue",
     "compare",

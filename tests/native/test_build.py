@@ -207,7 +207,16 @@ for dtype in ("float64", "float32"):
 """
 
 
-@pytest.mark.parametrize("width", [width for width in (16, 32, 64) if width <= machine.lane_bytes()])
+def widths():
+    """The narrowest quickly; each takes a dozen compilations."""
+    return [
+        pytest.param(width, marks=[pytest.mark.slow] if width > 16 else [])
+        for width in (16, 32, 64)
+        if width <= machine.lane_bytes()
+    ]
+
+
+@pytest.mark.parametrize("width", widths())
 def test_every_width_of_lanes_computes_the_same(width, tmp_path):
     environment = os.environ | {"SIGMAX_CACHE": str(tmp_path / "cache"), "JAX_PLATFORMS": "cpu"}
     done = subprocess.run(

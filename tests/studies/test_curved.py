@@ -26,6 +26,7 @@ def attitude(**options):
     )
 
 
+@pytest.mark.slow
 def test_a_study_of_an_attitude_judges_by_its_deviations(tmp_path):
     filters = {"EKF": sigmax.get("EKF"), "once": sigmax.get("EKF", update="once")}
     found = sigmax.compare(attitude(), filters, runs=400)

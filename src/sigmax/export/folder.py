@@ -20,7 +20,7 @@ from sigmax.models.augment import augment
 from sigmax.models.fusion import Fused, name_of, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.models.switching import check_one_mode
+from sigmax.models.switching import SwitchingModel
 from sigmax.native import Refused
 from sigmax.running.backend import natively
 from sigmax.running.fusing import how
@@ -42,7 +42,7 @@ class Exported(NamedTuple):
 
 
 def export_c(
-    filter: Filter | str,
+    filter: Filter | str | None,
     model: Model,
     prior: Gaussian,
     folder: Path | str,
@@ -59,7 +59,7 @@ def export_c(
     No allocation, no library but libm, the same operations in the same order on every call.
 
     Args:
-        filter: a name of the catalogue, or a filter.
+        filter: a name of the catalogue, or a filter; None where each mode of the model names its own.
         model: the model; its noises become constants of the source. Of a fused one (`sigmax.models.fused`) all sensors
             are corrected by one function, in the order of the model, NAN where one is silent.
         prior: where the test program starts, (n,).
@@ -75,8 +75,7 @@ def export_c(
     Raises:
         InputError: for what does not fit, or a model that cannot be lowered, with the line that is the reason.
     """
-    check_one_mode(model, "exported C")
-    chosen, dtype, prefix = as_filter(filter), run_type(dtype), identifier(name)
+    chosen, dtype, prefix = as_filter(filter, model), run_type(dtype), identifier(name)
     if prior.mean.ndim != 1:
         raise InputError("an exported filter starts from one prior, not from a batch")
     if model.fusion is not None and any(b.given and callable(model.R[s]) for b in model.fusion for s in b.members):
@@ -85,7 +84,8 @@ def export_c(
         )
     given = None if inputs is None else np.asarray(inputs, float)
     u = given if given is None or given.ndim == 1 else given[0]
-    sizes = _sizes(model, u)
+    one, its_prior = _first_mode(model, prior)
+    sizes = _sizes(one, u)
     elapsed = np.asarray(dt, float)
     nothing = {s: np.full((1, m), np.nan) for s, m in sizes.items()}
     silent = nothing if model.several else nothing[""]
@@ -101,19 +101,21 @@ def export_c(
             if model.fusion is None:
                 programs |= {s: low.program("correct", s, m) for s, m in sizes.items()}
             else:
-                one = with_numbers(ready.filter, ready.model, inputs_count, dtype)
-                programs[""] = one.program("correct", name_of(model), sum(sizes.values()), _together(apart, sizes))
+                together = with_numbers(ready.filter, ready.model, inputs_count, dtype)
+                programs[""] = together.program("correct", name_of(model), sum(sizes.values()), _together(apart, sizes))
     except Refused as error:
         raise InputError(f"this model cannot be exported: {error}") from error
-    parts = {s: identifiers(model.measurement[s] or [f"z{i}" for i in range(m)]) for s, m in sizes.items()}
+    parts = {s: identifiers(one.measurement[s] or [f"z{i}" for i in range(m)]) for s, m in sizes.items()}
     if model.fusion is not None:
         parts = {"": tuple(f"{identifier(s)}_{part}" for s, own in parts.items() for part in own)}
     curved = {s: own.deviations for s, own in model.measured.items() if own is not None and not own.space.flat}
     residuals = parts | {s: identifiers(names) for s, names in curved.items()}
     rows_of = identifiers(ready.model.state), identifiers(ready.model.deviations)
-    names = Names(prefix, *rows_of, parts, residuals, 0 if u is None else len(u))
+    modes = model.names if isinstance(model, SwitchingModel) else ()
+    rest = low.packing.size - low.packing.head
+    names = Names(prefix, *rows_of, parts, residuals, 0 if u is None else len(u), rest, modes)
     single = dtype == np.float32
-    rows = simulated(model, prior, step, u) if z is None else _rows(model, z, elapsed, given)
+    rows = simulated(one, its_prior, step, u) if z is None else _rows(model, z, elapsed, given)
     vectors = filtered(chosen, model, prior, rows, dtype)
     start = Gaussian(ready.mean, ready.cov)
     head = _head(chosen, model, name, about, single)
@@ -167,6 +169,16 @@ def _rows(model: Model, z: Any, dt: np.ndarray, inputs: np.ndarray | None) -> Ro
     return Rows(np.broadcast_to(dt, (count,)), u, by_sensor)
 
 
+def _first_mode(model: Model, prior: Gaussian) -> tuple[Model, Gaussian]:
+    """What rows are simulated with: the model and its prior, of several modes the first and its components."""
+    if not isinstance(model, SwitchingModel):
+        return model, prior
+    first = model.models[0]
+    mean, cov = np.asarray(prior.mean), np.asarray(prior.cov)
+    rows = [model.deviations.index(name) for name in first.deviations]
+    return first, Gaussian(mean[[model.state.index(name) for name in first.state]], cov[np.ix_(rows, rows)])
+
+
 def _together(model: Model, sizes: Mapping[str, int]) -> Callable[[Any, Any], Fused]:
     """What all sensors measured, one after the other in the order of the model, as the one measurement it makes."""
 
@@ -195,12 +207,21 @@ def _head(filter: Filter, model: Model, name: str, about: str, single: bool) -> 
         f"Prediction {filter.predict}, correction {filter.correct}, form {filter.form.name}; "
         f"numbers are {'float' if single else 'double'}.",
         "SI units and radians. Nothing is allocated, nothing but libm is called, every call does the same operations.",
-        f"Q per second{_numbers(model.Q)}.",
+        *(line for own in _modes(model).items() for line in _noises(*own)),
         *([] if model.bias is None else [f"Q per second of the bias{_numbers(model.bias.Q)}."]),
-        *(f"R{f' of {s}' if s else ''}{_numbers(R)}." for s, R in model.R.items()),
         *([] if model.fusion is None else [f"Corrected together: {_said(how(filter, model))}."]),
     ]
     return "\n".join(lines)
+
+
+def _modes(model: Model) -> dict[str, Model]:
+    return model.modes if isinstance(model, SwitchingModel) else {"": model}
+
+
+def _noises(mode: str, model: Model) -> list[str]:
+    when = f" in {mode}" if mode else ""
+    measured = (f"R{f' of {s}' if s else ''}{when}{_numbers(R)}." for s, R in model.R.items())
+    return [f"Q per second{when}{_numbers(model.Q)}.", *measured]
 
 
 def _said(fused: Sequence[tuple[str, str]]) -> str:

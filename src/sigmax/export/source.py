@@ -23,6 +23,8 @@ class Names(NamedTuple):
         sensors: by the sensor's name, the numbers that it measures.
         residuals: by the sensor's name, the numbers of a difference of two of its measurements.
         inputs: how many inputs there are.
+        rest: numbers behind mean and factor, of a filter of several beliefs.
+        modes: of a model that has them, whose logarithms of probabilities are the last of the rest.
     """
 
     prefix: str
@@ -31,6 +33,8 @@ class Names(NamedTuple):
     sensors: Mapping[str, tuple[str, ...]]
     residuals: Mapping[str, tuple[str, ...]]
     inputs: int
+    rest: int = 0
+    modes: tuple[str, ...] = ()
 
     @property
     def points(self) -> int:
@@ -53,6 +57,8 @@ class Names(NamedTuple):
 
     def of_state(self, place: int) -> str:
         """The name of a number of the row that a belief is kept in."""
+        if place >= self.points + self.triangle:
+            return f"rest_{place - self.points - self.triangle}"
         if place < self.points:
             return f"x_{self.state[place]}"
         i, j = (int(a[place - self.points]) for a in np.tril_indices(self.n))
@@ -89,7 +95,7 @@ def header(names: Names, about: str, single: bool) -> str:
         f"enum {{\n{faults}\n}};\n",
         "/* What is known: P = S S', S lower triangular with its rows one after the other. */\n"
         f"typedef struct {{\n    {real} mean[{names.points}]; /* {', '.join(names.state)} */\n"
-        f"    {real} factor[{names.triangle}];{_of_rows(names)}\n}} {p}_state;\n",
+        f"    {real} factor[{names.triangle}];{_of_rows(names)}\n{_rest(names, real)}}} {p}_state;\n",
         f"/* Begin with a mean and a covariance, its rows one after the other; 1 where that is none. */\n"
         f"int {p}_start({p}_state *s, const {real} mean[{names.points}], const {real} cov[{n * n}]);\n",
         f"/* Move on by dt seconds. */\nint {p}_predict({p}_state *s, {real} dt{given});\n",
@@ -110,7 +116,7 @@ def header(names: Names, about: str, single: bool) -> str:
 
 def source(names: Names, programs: Mapping[str, Program], about: str, single: bool) -> str:
     """The source: the straight lines, and the functions of the header around them."""
-    real, p, size = "float" if single else "double", names.prefix, names.points + names.triangle
+    real, p, size = "float" if single else "double", names.prefix, names.points + names.triangle + names.rest
     lines = [comment(about), f'#include "{p}.h"\n\n#include <math.h>\n#include <stddef.h>\n']
     lines += _rows(names, real)
     lines += c_function(programs["start"], "begin", single, lambda g, i: f"given_{i}")
@@ -152,6 +158,14 @@ def _of_rows(names: Names) -> str:
     return "" if names.deviations == names.state else f" /* of {', '.join(names.deviations)} */"
 
 
+def _rest(names: Names, real: str) -> str:
+    """What a state holds of several beliefs, told by name as far as it is of use."""
+    if not names.rest:
+        return ""
+    last = f"the last {len(names.modes)}: log probabilities of {', '.join(names.modes)}" if names.modes else "members"
+    return f"    {real} rest[{names.rest}]; /* the beliefs behind; {last} */\n"
+
+
 def _naming(names: Names, given: Sequence[str]) -> Any:
     def name(group: str, place: int) -> str:
         if group == "state":
@@ -170,7 +184,7 @@ def _copied_inputs(names: Names, after: int) -> list[str]:
 
 
 def _rows(names: Names, real: str) -> list[str]:
-    parts = [("mean", names.points), ("factor", names.triangle)]
+    parts = [("mean", names.points), ("factor", names.triangle), *([("rest", names.rest)] if names.rest else [])]
     there, back, at = [], [], 0
     for part, size in parts:
         there.append(f"    for (i = 0; i < {size}; i++) row[{at} + i] = s->{part}[i];")

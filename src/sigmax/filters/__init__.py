@@ -1,7 +1,7 @@
 """Filters: a rule for the prediction, a rule for the correction, a form, an update; and their catalogue."""
 
-from sigmax.filters.bank import Bank, bank
-from sigmax.filters.catalogue import Entry, catalogue, get, names
+from sigmax.filters.bank import Bank
+from sigmax.filters.catalogue import Entry, bank, catalogue, get, names
 from sigmax.filters.filter import Filter, ModeFilters
 from sigmax.filters.update import BySensor, Update, by_sensor, iterated, named, once, robust
 from sigmax.filters.weights import WEIGHTS, Gate, Huber, Student, Weighed, Weight

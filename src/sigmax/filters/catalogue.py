@@ -7,24 +7,13 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from sigmax.errors import InputError, unknown
+from sigmax.filters import makers as make
+from sigmax.filters.bank import bank_of
 from sigmax.filters.filter import Filter
 from sigmax.filters.parameters import fitted
 from sigmax.filters.update import BySensor, Update, iterated, named
-from sigmax.forms import Form, block, covariance, root_information, square_root, two_stage, without_omega
-from sigmax.forms import information as of_information
-from sigmax.rules import (
-    Marginal,
-    Rule,
-    SigmaPoints,
-    Taylor,
-    Taylor1,
-    Taylor2,
-    cubature,
-    gauss_hermite,
-    scaled,
-    simplex,
-    unscented,
-)
+from sigmax.forms import Form, block, covariance, root_information, square_root, two_stage
+from sigmax.rules import Rule
 
 RuleMaker = Callable[..., Rule]
 FormMaker = Callable[..., Form]
@@ -46,95 +35,11 @@ class Entry(NamedTuple):
         return {name: p.default for make in makers for name, p in inspect.signature(make).parameters.items()}
 
 
-def _taylor1() -> Rule:
-    return Taylor1()
-
-
-def _taylor2_motion(d_motion: bool = True, D_motion: bool = True) -> Rule:
-    return Taylor2(mean=bool(d_motion), covariance=bool(D_motion))
-
-
-def _taylor2_sensor(d_sensor: bool = True, D_sensor: bool = True) -> Rule:
-    return Taylor2(mean=bool(d_sensor), covariance=bool(D_sensor))
-
-
-def _second_order_motion(d_motion: bool = True) -> Rule:
-    return Taylor2(mean=bool(d_motion), covariance=False)
-
-
-def _taylor(order: int = 3) -> Rule:
-    return Taylor(int(order))
-
-
-def _unscented(
-    alpha: float | None = None,
-    beta: float | None = None,
-    kappa: float | None = None,
-    w0: float | None = None,
-    permute: bool = False,
-) -> Rule:
-    given: dict[str, Any] = {
-        k: float(v) for k, v in (("alpha", alpha), ("beta", beta), ("kappa", kappa)) if v is not None
-    }
-    if w0 is None:
-        return SigmaPoints(scaled, permute=bool(permute), **given)
-    if given:
-        raise InputError(f"w0 belongs to the general transform, {', '.join(given)} to the scaled one: give one kind")
-    return SigmaPoints(unscented, permute=bool(permute), w0=float(w0))
-
-
-def _cubature3(permute: bool = False) -> Rule:
-    return SigmaPoints(cubature, permute=bool(permute), degree=3)
-
-
-def _cubature5(permute: bool = False) -> Rule:
-    return SigmaPoints(cubature, permute=bool(permute), degree=5)
-
-
-def _simplex(moireau: bool = False, permute: bool = False) -> Rule:
-    given: dict[str, Any] = {"moireau": True} if moireau else {}
-    return SigmaPoints(simplex, permute=bool(permute), **given)
-
-
-def _gauss_hermite(order: int = 3, permute: bool = False) -> Rule:
-    return SigmaPoints(gauss_hermite, permute=bool(permute), order=int(order))
-
-
-def _always(form: Form) -> FormMaker:
-    return lambda: form
-
-
-def _information(information: str = "exact") -> Form:
-    if information not in _INFORMATION:
-        raise unknown("kind of information form", information, _INFORMATION)
-    return _INFORMATION[information]
-
-
-def _two_stage_information(information: str = "exact") -> Form:
-    return two_stage(_information(information))
-
-
-def _marginal3(points: str = "state", permute: bool = False) -> Rule:
-    return Marginal(_cubature3(permute), exact=_projected(points))
-
-
-def _marginal5(points: str = "state", permute: bool = False) -> Rule:
-    return Marginal(_cubature5(permute), exact=_projected(points))
-
-
-def _projected(points: str) -> bool:
-    if points not in _POINTS:
-        raise unknown("kind of points", points, _POINTS)
-    return points == "projected"
-
-
-_POINTS = ("state", "projected")
-_INFORMATION = {"exact": of_information, "paper": without_omega(of_information)}
-_T, _T1, _T2, _T2H, _SO = _taylor, _taylor1, _taylor2_motion, _taylor2_sensor, _second_order_motion
-_U, _C3, _C5, _SX, _GH = _unscented, _cubature3, _cubature5, _simplex, _gauss_hermite
-_M3, _M5 = _marginal3, _marginal5
-_P, _S, _B, _R, _TP = map(_always, (covariance, square_root, block, root_information, two_stage(covariance)))
-_Y, _TY = _information, _two_stage_information
+_T, _T1, _T2, _T2H, _SO = make.taylor, make.taylor1, make.taylor2_motion, make.taylor2_sensor, make.second_order_motion
+_U, _C3, _C5, _SX, _GH = make.unscented, make.cubature3, make.cubature5, make.simplex, make.gauss_hermite
+_M3, _M5 = make.marginal3, make.marginal5
+_P, _S, _B, _R, _TP = map(make.always, (covariance, square_root, block, root_information, two_stage(covariance)))
+_Y, _TY = make.information, make.two_stage_information
 
 _ENTRIES: dict[str, Entry] = {
     "KF": Entry(_T1, _T1, _P, "linear Kalman filter; refuses a model that is not linear"),
@@ -207,12 +112,16 @@ def names() -> tuple[str, ...]:
 
 
 def get(
-    name: str, *, update: Update | BySensor | str | Mapping[str, Update | str] | None = None, **parameters: Any
+    name: str,
+    *,
+    update: Update | BySensor | str | Mapping[str, Update | str] | None = None,
+    members: int | None = None,
+    **parameters: Any,
 ) -> Filter:
     """The filter of a name, such as `get("SRUKFB", alpha=0.45, beta=2, kappa=-2)` or `get("EKF", update="student")`.
 
     An update is one such as `iterated(5)`, or its name, or a dict of them by sensor; without one it is that of the
-    catalogue.
+    catalogue. With members it is a bank of such filters, see `bank`.
 
     Raises:
         InputError: for a name or a parameter that is not known, with the nearest ones that are.
@@ -220,11 +129,34 @@ def get(
     for parameter, value in parameters.items():
         if not isinstance(value, Hashable):
             raise InputError(f"{parameter} must be one value; it is {type(value).__name__}")
-    return _made(str(name), None if update is None else named(update), tuple(parameters.items()))
+    member = _composed(str(name), None if update is None else named(update), tuple(parameters.items()))
+    return member if members is None else bank_of(member, members)
+
+
+def bank(filter: Filter | str, members: int = 9, bend: float = 0.5) -> Filter:
+    """A bank of filters as one filter, where the posterior of one is no Gaussian: ranges to a beacon, bearings.
+
+    Before a measurement the members whose sensor bends most within them, by weight, are split in three along the
+    direction in which it bends (nodes of Gauss and Hermite, mean and covariance kept); afterwards the lightest are
+    merged again with those with which they lose least (Runnalls 2007). A Gaussian sum filter (Alspach and Sorenson
+    1972). Two fifths of the members predict and all correct; splits and merges cost as much again, and more where the
+    member is a small one.
+
+    Args:
+        filter: that of the members, a name or a filter.
+        members: while a measurement is taken, an odd number from 5 to 31; two fifths of them stay between
+            measurements, at least three.
+        bend: what the sensor may depart from its line at one deviation of a member, in deviations of the noise,
+            before the member is split; above 0.
+
+    Raises:
+        InputError: for a filter that cannot be a member, or numbers out of their range.
+    """
+    return bank_of(get(filter) if isinstance(filter, str) else filter, members, bend)
 
 
 @lru_cache(maxsize=256)
-def _made(name: str, update: Update | BySensor | None, given: tuple[tuple[str, Any], ...]) -> Filter:
+def _composed(name: str, update: Update | BySensor | None, given: tuple[tuple[str, Any], ...]) -> Filter:
     parameters = dict(given)
     folded = {known.casefold(): known for known in _ENTRIES}
     if str(name).casefold() not in folded:
@@ -233,13 +165,13 @@ def _made(name: str, update: Update | BySensor | None, given: tuple[tuple[str, A
     entry = _ENTRIES[found]
     for parameter in parameters:
         if parameter not in entry.parameters:
-            takes = ", ".join([*entry.parameters, "update"])
+            takes = ", ".join([*entry.parameters, "update", "members"])
             raise InputError(f"{found} has no parameter {parameter!r}; it takes {takes}")
     makers = (entry.predict, entry.correct, entry.form)
     kinds = {k: p.annotation for make in makers for k, p in inspect.signature(make).parameters.items()}
     parameters = {k: fitted(found, k, kinds[k], v) for k, v in parameters.items()}
 
-    def make(maker: Callable[..., Any]) -> Any:
+    def part(maker: Callable[..., Any]) -> Any:
         wanted = inspect.signature(maker).parameters
         return maker(**{k: v for k, v in parameters.items() if k in wanted})
 
@@ -247,5 +179,5 @@ def _made(name: str, update: Update | BySensor | None, given: tuple[tuple[str, A
     shown = parameters if chosen == entry.update else parameters | {"update": chosen}
     said = ", ".join(f"{k}={v}" for k, v in shown.items())
     label = f"{found}({said})" if said else found
-    parts = make(entry.predict), make(entry.correct), make(entry.form)
+    parts = part(entry.predict), part(entry.correct), part(entry.form)
     return Filter(*parts, label, linear=found == "KF", update=chosen)

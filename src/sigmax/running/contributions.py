@@ -12,7 +12,7 @@ from sigmax.algebra.arrays import TWO_PI, inner, product, times, wrap
 from sigmax.algebra.factor import absorb as reflect
 from sigmax.algebra.factor import cholesky, dense, identity, inverse_lower, pivoted, solve_lower, tria
 from sigmax.errors import InputError, unknown
-from sigmax.filters import Filter, once
+from sigmax.filters import Bank, Filter, once
 from sigmax.models.checks import finite, members, numbers
 from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused
@@ -154,6 +154,8 @@ def _alone(live: Live) -> Live:
         raise InputError("stations exchange contributions to one track; make a filter for each")
     check_flat(live.apart, "a contribution")
     check_one_mode(live.apart, "a contribution")
+    if isinstance(live.filter, Bank):
+        raise InputError(f"contributions are corrected with one belief, and {live.filter.name} has several: take one")
     return live
 
 

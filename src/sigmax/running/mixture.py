@@ -113,3 +113,19 @@ def settled(
     fault = jnp.where(failed.all(0), faults[0], fault)
     fault = jnp.where((fault <= 0) & ~finite, jnp.int8(lost), fault)
     return chosen(fault <= 0, new, old), fault
+
+
+def least(values: Sequence[Any]) -> list[Any]:
+    """Which of some values (...) is the least, the first of equals: a truth value for each."""
+    least, at = values[0], jnp.zeros(values[0].shape, int)
+    for k, value in enumerate(values[1:], 1):
+        at, least = jnp.where(value < least, k, at), jnp.minimum(value, least)
+    return [at == k for k in range(len(values))]
+
+
+def picked(which: Sequence[Any], among: Sequence[Any]) -> Any:
+    """The one of some that is marked."""
+    found = among[0]
+    for mark, one in zip(which[1:], among[1:], strict=True):
+        found = chosen(mark, one, found)
+    return found

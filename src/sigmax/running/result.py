@@ -243,10 +243,10 @@ class Result(Smoothed):
         where it was missing or a step failed. Computed from the innovations when asked for.
 
         Raises:
-            InputError: of a model of several modes, which may weigh one measurement each in its own way.
+            InputError: of several modes, or members of a bank, which may weigh one measurement each in its own way.
         """
-        if self.modes:
-            raise InputError("each mode weighs a measurement in its own way; run a mode's model alone to see how")
+        if self.modes or not self.layout.weights:
+            raise InputError("each mode or member weighs a measurement in its own way; run one alone to see how")
         by = dict(self.layout.weights)
         return self._by_sensor(lambda told, sensor: weights(by[sensor], told))
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import unknown
-from sigmax.filters import Filter
+from sigmax.filters import Bank, Filter
 from sigmax.models.checks import is_traced, strings
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
@@ -72,7 +72,8 @@ def run(
         lambda: native_engine.filtered(kept, ready),
         lambda: xla_engine.filtered(kept, ready, traced),
     )
-    layout = ready.layout._replace(weights=tuple((s, update_on(ready.filter, ready.model, s).weight) for s in ready.z))
+    each = () if isinstance(ready.filter, Bank) else ready.z
+    layout = ready.layout._replace(weights=tuple((s, update_on(ready.filter, ready.model, s).weight) for s in each))
     if ready.fused is not None:
         total, parts = with_members(parts, total, ready.fused)
         layout = layout._replace(fusion=how(ready.filter, model))

@@ -57,7 +57,7 @@ def smooth(
     chosen = as_filter(filter, model).on(model.biases)
     if isinstance(chosen, Bank):
         # Members merge on the way and have no one past: what is smoothed is the mixture's mean and covariance.
-        chosen = chosen.one
+        chosen = chosen.member
     kept = result.kept()
     dtype = kept[0].dtype
     _check_layout(model, result.layout, chosen.form.bias_first)

@@ -29,7 +29,8 @@ class Fault(IntEnum):
 
     Above 0 a half-step failed, and the state stays as it was before it. Below 0 the negative weights of a
     sigma set made a covariance indefinite: the half-step was done without their columns, which makes
-    what the straight line misses too large, never too small; or one of several modes failed and the others went on.
+    what the straight line misses too large, never too small; or one of several modes or members failed and the
+    others went on.
     """
 
     MEMBER_FAILED = -3
@@ -52,7 +53,8 @@ class Fault(IntEnum):
 _POSITIVE = "take a set without them: alpha = 1 and kappa of at least 0, or cubature of degree 3"
 _MESSAGES = {
     Fault.MEMBER_FAILED: (
-        "a mode of several failed and counts nothing until another changes into it; run its model alone to see why"
+        "one of several modes or members failed and counts nothing until another changes into it or is split; run it "
+        "alone to see why"
     ),
     Fault.CORRECTION_WIDENED: (
         f"R + Ω was indefinite by negative weights; the correction was done without them; {_POSITIVE}"

@@ -1,0 +1,139 @@
+"""Members of a bank split where a sensor bends within them. See `sigmax.bank`."""
+
+import math
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from sigmax.algebra.arrays import diagonal, outer, times, total
+from sigmax.algebra.factor import Diagonal, raised, reciprocal, safe_sqrt, solve_lower, tria
+from sigmax.filters import Bank
+from sigmax.models.evaluate import sensing, sensor_noise
+from sigmax.models.model import Model
+from sigmax.running.mixture import NEVER, MixtureBelief, chosen, least, picked
+from sigmax.running.step import Belief
+from sigmax.running.updating import there
+from sigmax.spaces import Space
+
+# Nodes and weights of Gauss and Hermite along the direction of a split, each child narrower there by this.
+_NARROWER = 0.55
+_AWAY = math.sqrt(3 * (1 - _NARROWER**2))
+_CENTRE, _SIDE = math.log(2 / 3), math.log(1 / 6)
+# The curvature of a sensor is squared so often in looking for its leading direction.
+_SQUARINGS = 3
+# A sensor with less noise than this part of its curvature bends as much as one can.
+_LEAST_NOISE = 1e-9
+
+
+class Slot(NamedTuple):
+    """A member while a measurement is taken.
+
+    Attributes:
+        belief: its mean and lower factor.
+        log_weight: logarithm of its probability (...).
+        root: a root of its covariance, not triangular (n, n, ...).
+        curves: second differences of the sensor along the columns of the root (m, n, n, ...), in deviations of its
+            noise.
+        direction: of unit length, in which it bends most (n, ...).
+        bend: what it departs from its line in that direction (...).
+    """
+
+    belief: Belief
+    log_weight: Any
+    root: Any
+    curves: Any
+    direction: Any
+    bend: Any
+
+
+def split(bank: Bank, model: Model, sensor: str, R: Any, belief: MixtureBelief, z: Any, u: Any) -> list[Slot]:
+    """The members, and two more for each split; where there is no reason for one, these have the weight 0."""
+    slots = []
+    for member, log_weight in zip(belief.members, belief.log_weight, strict=True):
+        curves = _curves(model, sensor, R, member, z, u)
+        slots.append(Slot(member, log_weight, member.factor, curves, *_leading(curves)))
+    for left in reversed(range(bank.splits)):
+        worth = [jnp.where(s.bend > bank.bend, jnp.exp(s.log_weight) * s.bend, 0) for s in slots]
+        which = least([-w for w in worth])
+        parent: Slot = picked(which, slots)
+        children = _children(bank, model.space, parent, again=left > 0)
+        slots = [chosen(w, children[0], slot) for w, slot in zip(which, slots, strict=True)] + children[1:]
+    return slots
+
+
+def _children(bank: Bank, space: Space, parent: Slot, again: bool) -> list[Slot]:
+    """Three members of one with its mean and covariance; the parent alone where it does not bend enough.
+
+    `again` says whether they may be split as well.
+    """
+    x, d = parent.belief.mean, parent.direction
+    split = parent.bend > bank.bend
+    less = jnp.where(split, 1 - _NARROWER, 0)
+    along = times(parent.root, d)
+    # A root times I − less d dᵀ, and the curves along its columns.
+    root = parent.root - less * along[:, None] * d[None]
+    factor = jnp.where(split, tria(root), parent.belief.factor)
+    curves, direction, bend = parent.curves, d, parent.bend
+    if again:
+        curves = jnp.stack([_along_narrower(H, less, d) for H in curves])
+        direction, bend = _leading(curves)
+    children = []
+    for a, share in ((0.0, _CENTRE), (-_AWAY, _SIDE), (_AWAY, _SIDE)):
+        shift = jnp.where(split, a * along, 0)
+        belief = Belief(space.add(x, shift), space.turned(x, shift, factor)) if a else Belief(x, factor)
+        log_weight = jnp.where(split, parent.log_weight + share, parent.log_weight if a == 0 else NEVER)
+        children.append(Slot(belief, log_weight, space.turned(x, shift, root), curves, direction, bend))
+    return children
+
+
+def _curves(model: Model, sensor: str, R: Any, member: Belief, z: Any, u: Any) -> Any:
+    """Second differences (m, n, n, ...) of a sensor along the columns of a factor, in deviations of its noise."""
+    (x, S), space, onto = member, model.space, model.measured_space(sensor, z.shape[0])
+    n = S.shape[1]
+    pairs = [(i, j) for i in range(n) for j in range(i + 1)]
+    away = [S[:, i] if i == j else S[:, i] + S[:, j] for i, j in pairs]
+    points = jnp.stack([space.add(x, sign * v) for sign in (1, -1) for v in away] + [x], axis=1)
+    seen_at = sensing(model, sensor, x, u)(points)
+    off = [onto.difference(seen_at[:, k], seen_at[:, -1]) for k in range(2 * len(pairs))]
+    both = {pair: off[k] + off[k + len(pairs)] for k, pair in enumerate(pairs)}
+    rows = [[_mixed(both, max(i, j), min(i, j)) for j in range(n)] for i in range(n)]
+    curves = jnp.stack([jnp.stack(row, axis=1) for row in rows], axis=1)
+    _, seen = there(onto, z)
+    curves = jnp.where(seen[:, None, None] & jnp.isfinite(curves), curves, 0)
+    noise, _ = sensor_noise(model, R, x, u, seen)
+    # A sensor without noise bends as much as one can.
+    size = jnp.abs(curves).sum((1, 2))
+    noise = raised(noise, jnp.where(size > 0, _LEAST_NOISE * size, 1))
+    flat = curves.reshape(len(curves), n * n, *curves.shape[3:])
+    whitened = flat / noise.entries[:, None] if isinstance(noise, Diagonal) else solve_lower(noise, flat)
+    return whitened.reshape(curves.shape)
+
+
+def _mixed(both: dict[tuple[int, int], Any], i: int, j: int) -> Any:
+    """The second difference of two columns from those along each and along their sum."""
+    return both[i, i] if i == j else (both[i, j] - both[i, i] - both[j, j]) / 2
+
+
+def _along_narrower(H: Any, less: Any, d: Any) -> Any:
+    """(I − less d dᵀ) H (I − less d dᵀ) for a symmetric H (n, n, ...) and a direction of unit length."""
+    h = times(H, d)
+    half = less * (h - (less / 2) * (d * h).sum(0) * d)
+    return H - (half[:, None] * d[None] + d[:, None] * half[None])
+
+
+def _leading(curves: Any) -> tuple[Any, Any]:
+    """The direction (n, ...) of greatest curvature over all measurements, and the departure (...) from a line in it.
+
+    The leading eigenvector of Σ H², by squaring, and the length of dᵀ H d over the measurements, divided by √2.
+    """
+    A = total([outer(H, H) for H in curves])
+    for _ in range(_SQUARINGS):
+        size = diagonal(A).sum(0)
+        A = A / jnp.where(size > 0, size, 1)
+        A = outer(A, A)
+    most = least([-a for a in diagonal(A)])
+    d = picked(most, list(A))
+    length, some = safe_sqrt((d * d).sum(0))
+    d = d * reciprocal(length, some)
+    bends = jnp.stack([(d * times(H, d)).sum(0) for H in curves])
+    return d, safe_sqrt((bends * bends).sum(0) / 2)[0]
