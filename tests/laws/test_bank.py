@@ -178,6 +178,13 @@ def test_it_runs_alike_however_it_is_run(backend):
         assert np.allclose(said.nis, together.nis[1, k], equal_nan=True)
         if k == 6:
             live = pickle.loads(pickle.dumps(live))
+    late = sigmax.Live(filter, model, PRIOR, backend=backend, window=4.0, lag=1.0)
+    for k in (0, 2, 1, 3, 5, 4):
+        late.update(z[0, k], time=0.5 * (k + 1))
+    assert np.array_equal(late.mean, together.mean[0, 5]) or backend == "xla"
+    assert np.allclose(late.mean, together.mean[0, 5], atol=1e-12)
+    back = sigmax.smooth(filter, model, sigmax.run(filter, model, PRIOR, z[0, :6], dt=0.5), backend=backend)
+    assert np.allclose(late.lagged.mean, back.mean[3], atol=1e-9)
     # Nothing heard, nothing changed.
     live.predict(0.5)
     before = live.mean.copy(), live.cov.copy()

@@ -87,7 +87,7 @@ class NativeState:
         S[..., np.flatnonzero(np.tri(n))] = rows[..., self.packing.points : self.packing.head]
         parts = rows[..., : self.packing.points], S.reshape(*rows.shape[:2], n, n), rows[..., self.packing.head :]
         mean, factor, rest = parts if self._batched else (a[0] for a in parts)
-        return mean, factor, rest if self.packing.modes else None
+        return mean, factor, rest if self.packing.members else None
 
     @property
     def factor(self) -> np.ndarray:

@@ -55,9 +55,6 @@ def smooth(
     if not isinstance(result, Result):
         raise InputError(f"result must be what sigmax.run gave, it is {type(result).__name__}")
     chosen = as_filter(filter, model).on(model.biases)
-    if isinstance(chosen, Bank):
-        # Members merge on the way and have no one past: what is smoothed is the mixture's mean and covariance.
-        chosen = chosen.member
     kept = result.kept()
     dtype = kept[0].dtype
     _check_layout(model, result.layout, chosen.form.bias_first)
@@ -78,6 +75,9 @@ def backwards(
     filter: Filter, model: Model, kept: Any, dt: Any, u: Any, batched: bool, traced: bool, backend: str | None
 ) -> tuple[Any, Any, Any, Any]:
     """Smoothed means, factors, faults and modes of filtered ones, all with the batch first; the arguments checked."""
+    if isinstance(filter, Bank):
+        # Members merge on the way and have no one past: what is smoothed is the mixture's mean and covariance.
+        filter, kept = filter.member, (*kept[:3], None)
 
     def with_xla() -> Any:
         mean, factor, fault, rest = (None if a is None else batch_last(a, a.ndim - batched) for a in kept)
