@@ -121,7 +121,7 @@ class Smoothed:
 
     def joint(self) -> tuple[Any, Any]:
         """Means (…, T, n + p) and lower factors of state and bias together, the state first."""
-        mean, factor, *_ = self.kept()
+        mean, factor = self._out(self.stored_mean, "mean"), self._out(self.stored_factor, "factor")
         if not self.layout.bias_first:
             return mean, factor
         p = len(self.layout.bias)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.factor import Diagonal
-from sigmax.models import Model
+from sigmax.models import Model, SwitchingModel
 from sigmax.models.evaluate import moving, sensing
 from sigmax.models.noise import OF_MOTION, takes
 from sigmax.running.vectorized import vectorized
@@ -39,6 +39,8 @@ class Information(NamedTuple):
 def absent(study: Study) -> str:
     """Why a study has no such bound, empty where it has one."""
     model = study.model
+    if isinstance(model, SwitchingModel):
+        return "the models take turns"
     if model.curved:
         return "the state lives in a curved space"
     if not study.fair:

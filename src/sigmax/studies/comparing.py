@@ -12,6 +12,7 @@ from joblib.parallel import get_active_backend
 
 from sigmax.filters import Filter, get
 from sigmax.models.model import check_flat
+from sigmax.models.switching import check_one_mode
 from sigmax.studies.beforehand import check, chosen_filters, settings_of, yardsticks
 from sigmax.studies.bound import absent, bound
 from sigmax.studies.comparison import Comparison, Optimum
@@ -71,6 +72,7 @@ def compare(
     N = study.particles if particles is None else particles
     if N:
         check_flat(study.model, "the optimum, which particles= asks for,")
+        check_one_mode(study.model, "the optimum, which particles= asks for,")
     check(study, count, N, workers, chunk, backend)
     by = yardsticks(study, backend)
     no_bound = absent(study)

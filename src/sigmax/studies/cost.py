@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.filters import Filter
-from sigmax.models import Model
+from sigmax.models import Model, SwitchingModel
 from sigmax.models.augment import augment
 from sigmax.models.evaluate import moving, sensing
 from sigmax.rules import Marginal, SigmaPoints, Taylor, Taylor1, Taylor2
 from sigmax.rules.linearization import Function, Rule
-from sigmax.running.prepare import prepare
+from sigmax.running.prepare import as_filter, prepare
 from sigmax.running.timing import seconds
 from sigmax.running.updating import update_on
 from sigmax.studies.simulate import draw
@@ -58,7 +58,7 @@ def costs(
     model, prior = study.told(drawn.mean)
     z: Any = {s: v[:, :T] for s, v in drawn.z.items()}
     inputs = None if study.inputs is None else np.asarray(study.inputs)[:T]
-    taking_turns = [yardstick, *filters.values()]
+    taking_turns = [as_filter(f, study.model) for f in (yardstick, *filters.values())]
     ready = [
         prepare(f, model, prior, z if study.model.several else z[""], study.elapsed[:T], inputs, "float64")
         for f in taking_turns
@@ -83,7 +83,7 @@ def costs(
 
 def _evaluations(filter: Filter, model: Model, inputs: np.ndarray | None) -> tuple[int | None, int | None]:
     """How often motion and sensors are evaluated in a step, None for a rule of the user's."""
-    if model.curved:
+    if model.curved or isinstance(model, SwitchingModel):
         return None, None
     model, n = augment(model, filter.form.bias_first), model.size + model.biases
     x, dt, u = jnp.zeros(n), jnp.ones(()), None if inputs is None else jnp.asarray(inputs[0], float)

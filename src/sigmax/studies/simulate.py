@@ -10,10 +10,11 @@ import numpy as np
 
 from sigmax.algebra.arrays import times
 from sigmax.algebra.factor import Diagonal, Matrix, cholesky
-from sigmax.models import Model
+from sigmax.models import Model, SwitchingModel
 from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
 from sigmax.running.vectorized import vectorized
 from sigmax.studies.study import Study
+from sigmax.studies.turns import first_mode, moving_in_turn, sensing_in_turn
 
 
 class Drawn(NamedTuple):
@@ -39,13 +40,16 @@ class Parts(NamedTuple):
 
     Attributes:
         start: (w (d,), v (d,)) -> true start, where the filters start.
-        move: (x, w (d,), dt, u) -> the true state dt later.
-        sense: by sensor, (x, v (m,), u) -> the measurement.
+        move: (x, w (d,), dt, u) -> the true state dt later; of several modes (x, mode, w, e, r, dt, u) -> that and its
+            mode, see `turns`.
+        sense: by sensor, (x, v (m,), u) -> the measurement; of several modes (x, mode, v, u).
+        turn: of several modes (x, e, r) -> the true start and its mode.
     """
 
     start: Callable[..., Any]
     move: Callable[..., Any]
     sense: dict[str, Callable[..., Any]]
+    turn: Callable[..., Any] | None = None
 
 
 def _spread(L: Matrix, w: Any) -> Any:
@@ -98,14 +102,18 @@ def parts(study: Study) -> Parts:
         assert callable(estimate)
         return x0, model.space.add(jnp.asarray(estimate(x0, v)), jnp.zeros(model.dim))
 
+    if isinstance(nature, SwitchingModel):
+        senses = {s: sensing_in_turn(nature, [sensor_of(m, s) for m in nature.models]) for s in nature.sensors}
+        return Parts(start, moving_in_turn(nature, list(map(mover, nature.models))), senses, first_mode(nature))
     return Parts(start, mover(nature), {sensor: sensor_of(nature, sensor) for sensor in nature.sensors})
 
 
 def sizes(study: Study) -> dict[str, int]:
     """The number of components of each sensor's measurement."""
-    x = jnp.asarray(study.prior.mean)
+    model = study.model.models[0] if isinstance(study.model, SwitchingModel) else study.model
+    x = jnp.zeros(model.size)
     u = None if study.inputs is None else jnp.asarray(np.asarray(study.inputs, float)[0])
-    return {s: jax.eval_shape(lambda x, s=s: sensing(study.model, s, x, u)(x), x).shape[0] for s in study.model.sensors}
+    return {s: jax.eval_shape(lambda x, s=s: sensing(model, s, x, u)(x), x).shape[0] for s in model.sensors}
 
 
 def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Drawn:
@@ -115,13 +123,19 @@ def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Dr
     functions = parts(study)
     start, mean = vectorized(functions.start, *rng.standard_normal((2, B, d)), backend=backend)
     dt, x = study.elapsed, start
+    mode: tuple[np.ndarray, ...] = ()
+    # Modes have draws of their own, so that those of others are the same as without.
+    chance = np.random.default_rng([seed, number, 1])
+    if functions.turn is not None:
+        x, mode = _turned(vectorized(functions.turn, x, *_chances(chance, B, n), backend=backend))
     u = np.zeros((T, 0)) if study.inputs is None else np.asarray(study.inputs, float)
-    truth = np.empty((B, T, n))
+    truth, modes = np.empty((B, T, n)), np.zeros((B, T))
     for t, w in enumerate(rng.standard_normal((T, B, d))):
-        (x,) = vectorized(
-            functions.move, x, w, np.full(B, dt[t]), np.broadcast_to(u[t], (B, u.shape[1])), backend=backend
-        )
+        more = _chances(chance, B, n) if mode else ()
+        rest = np.full(B, dt[t]), np.broadcast_to(u[t], (B, u.shape[1]))
+        x, mode = _turned(vectorized(functions.move, x, *mode, w, *more, *rest, backend=backend))
         truth[:, t] = x
+        modes[:, t] = mode[0] if mode else 0
     reach = np.inf if study.reach is None else np.asarray(study.reach, float)
     with np.errstate(invalid="ignore"):
         kept = np.asarray((np.isfinite(truth) & (np.abs(truth) <= reach)).all((1, 2)))
@@ -130,11 +144,22 @@ def draw(study: Study, seed: int, number: int, backend: str | None = None) -> Dr
     every = np.broadcast_to(u, (B, *u.shape)).reshape(B * T, -1)
     for sensor, m in sizes(study).items():
         noise = rng.standard_normal((B * T, study.model.measured_space(sensor, m).dim))
-        (value,) = vectorized(functions.sense[sensor], truth.reshape(B * T, n), noise, every, backend=backend)
+        own = (modes.ravel(),) if mode else ()
+        (value,) = vectorized(functions.sense[sensor], truth.reshape(B * T, n), *own, noise, every, backend=backend)
         seen = (rng.random((B, T)) < study.detections[sensor]) & kept[:, None]
         there = np.broadcast_to(np.asarray(study.measured.get(sensor, True), bool), (T, m))
         z[sensor] = np.where(seen[..., None] & there, value.reshape(B, T, m), np.nan)
     return Drawn(start, truth, mean, z, kept)
+
+
+def _chances(rng: np.random.Generator, B: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of what modes draw beside their noise: normal numbers (B, n) and uniform ones (B,)."""
+    return rng.standard_normal((B, n)), rng.random(B)
+
+
+def _turned(made: tuple[np.ndarray, ...]) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    """A state, and its mode where there are several."""
+    return made[0], made[1:]
 
 
 def cut(drawn: Drawn, first: int, end: int) -> Drawn:

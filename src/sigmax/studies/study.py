@@ -99,7 +99,6 @@ class Study:
             model, prior = with_bias(self.model, self.prior)
             for what, value in (("apart", self.model), ("model", model), ("prior", prior)):
                 object.__setattr__(self, what, value)
-        check_one_mode(self.model, "a study")
         n, d = self.model.size, self.model.dim
         if (np.shape(self.prior.mean), np.shape(self.prior.cov)) != ((n,), (d, d)):
             raise InputError(f"{self.name}: the prior must be of one run: a mean ({n},) and a covariance ({d}, {d})")
@@ -113,6 +112,7 @@ class Study:
             if given is not None and np.shape(given) != (size,):
                 raise InputError(f"{self.name}: {what} must have the shape ({size},); it has {np.shape(given)}")
         if self.particles:
+            check_one_mode(self.model, "the optimum, which particles= asks for,")
             check_flat(self.model, "the optimum, which particles= asks for,")
         dt = numbers("dt", self.dt)
         finite("dt", dt)
