@@ -389,7 +389,7 @@ MESSAGES = {
         r"write two_stage\(",
     ),
     "a class": (lambda: sigmax.Filter(sigmax.rules.Taylor1, sigmax.rules.Taylor1(), forms.block), r"write Taylor1\(\)"),
-    "noise by row": (lambda: model(R=np.ones((4, 1))), "function of the inputs, R=lambda x, u"),
+    "noise by row": (lambda: model(R=np.ones((4, 1))), "one for each row is given to run as R="),
     "dt too short by one": (lambda: sigmax.run("EKF", PLAIN, PRIOR, Z, dt=[1, 1, 1]), "update_first=True"),
 }
 

@@ -53,15 +53,15 @@ class Linear:
 
         A, H = matrix(self.A), matrix(self.H)
         Q = matrix(self.Q if Q is None else Q) * mpmath.mpf(DT)
-        R = matrix(self.R if R is None else R)
+        R = np.broadcast_to(self.R if R is None else R, (len(z), self.m, self.m))
         x, P = matrix(self.x0 if x0 is None else x0), matrix(self.P0)
         means, covs = [], []
-        for row in z:
+        for row, noise in zip(z, R, strict=True):
             x, P = A * x, A * P * A.T + Q
             seen = [i for i, v in enumerate(row) if not np.isnan(v)]
             if seen:
                 Hs = mpmath.matrix([[H[i, j] for j in range(self.n)] for i in seen])
-                Rs = mpmath.matrix([[R[i, j] for j in seen] for i in seen])
+                Rs = matrix(noise[np.ix_(seen, seen)])
                 K = P * Hs.T * mpmath.inverse(Hs * P * Hs.T + Rs)
                 x = x + K * (matrix([row[i] for i in seen]) - Hs * x)
                 P = P - K * Hs * P

@@ -157,6 +157,19 @@ def test_a_feed_takes_places_on_the_earth_dates_and_numbers_that_mean_none(tmp_p
         there.read(b'{"t": "2024-05-01", "lat": 52, "lon": 4}')
 
 
+def test_a_delayed_sensor_measured_before_its_lines(tmp_path):
+    late = TOML.replace('east = "30 m" }', 'east = "30 m" }\ndelay = "0.5 s"')
+    (tmp_path / "feed.toml").write_text(late)
+    feed = Feed(tmp_path / "feed.toml")
+    assert feed.read(b'{"t": 10, "n_km": 1, "e_km": 2}').plots[0].time == 9.5
+    assert feed.read(b'{"t": 10, "plots": [{"n_km": 1, "e_km": 2}]}').scan.time == 9.5
+    other = late.split("[sensors.radar]")[1].split("[tracking]")[0].replace("0.5 s", "2 s")
+    two = late.replace("[tracking]", f"[sensors.lidar]{other}[tracking]", 1)
+    (tmp_path / "feed.toml").write_text(two + "[tracking.sensors.lidar]\ndetection = 0.9\nclutter = 1e-9\n")
+    with pytest.raises(InputError, match=r"late must be at least what the delays of sensors differ by, 1\.5 s"):
+        Feed(tmp_path / "feed.toml")
+
+
 def test_a_number_taken_before_is_acknowledged_but_not_tracked_again(feed):
     once, twice = Service(feed), Service(feed)
     some = lines(8)

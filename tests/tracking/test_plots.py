@@ -106,6 +106,19 @@ def test_parquet_and_timestamps_give_the_same(folder):
     assert stamped.truth[0].time[-1] - stamped.truth[0].time[0] == pytest.approx(48.0)
 
 
+def test_a_delay_moves_scans_to_when_they_were_made(folder):
+    plain = load_plots(str(folder / "plots.toml"))
+    text = (folder / "plots.toml").read_text().replace('y = "5 m" }', 'y = "5 m" }\ndelay = "300 ms"')
+    (folder / "late.toml").write_text(text)
+    late = load_plots(str(folder / "late.toml"))
+    for one, other in zip(plain.scans, late.scans, strict=True):
+        assert other.time == pytest.approx(one.time - 0.3)
+        assert np.array_equal(one.z, other.z)
+    (folder / "late.toml").write_text(text.replace('{ x = "5 m"', '{ x = { column = "t" }'))
+    with pytest.raises(InputError, match="the plots of a scan share one noise"):
+        load_plots(str(folder / "late.toml"))
+
+
 def test_a_sensor_that_turns_stamps_each_plot(folder):
     table = pd.read_csv(folder / "plots.csv")
     table["t"] += np.random.default_rng(0).uniform(0, 1.9, len(table))

@@ -88,9 +88,9 @@ def noise(label: str, given: Any, components: Sequence[str] | None, allowed: tup
             symmetric_semidefinite(label, np.diag(value))
         return Diagonal(value)
     if value.shape != (n, n):
-        way = "dt, u" if allowed == OF_MOTION else "u"
         by_row = value.ndim > 1 and value.shape[-1] == n
-        hint = f"; noise from row to row is a function of the inputs, {label}=lambda x, {way}: u[…] with inputs= (T, k)"
+        hint = f"; one for each row is a function of the inputs, {label}=lambda x, dt, u: u[…] with inputs= (T, k)"
+        hint = hint if allowed == OF_MOTION else "; one for each row is given to run as R="
         raise InputError(
             f"{label} must be a covariance of shape {(n, n)} or {n} variances, for {list(components or [])}; "
             f"this one has the shape {value.shape}{hint if by_row else ''}"

@@ -26,11 +26,11 @@ def stack(model: Model) -> Model:
     made.__dict__.update(
         model.__dict__,
         fusion=None,
-        motion=_fronted(model.motion, 2, extra) if model.motion_inputs else model.motion,
+        motion=fronted(model.motion, 2, extra) if model.motion_inputs else model.motion,
         sensors={name: h},
         sensor_inputs={name: any(driven)},
         measured={name: components("measurement", _names(model, blocks), None, "R")},
-        Q=_noise_of_motion(model.Q, extra),
+        Q=noise_of_motion(model.Q, extra),
         R={name: _noise(model, blocks, extra)},
     )
     return made
@@ -46,7 +46,7 @@ def _front(u: Any, extra: int) -> Any:
 
 
 @lru_cache(maxsize=256)
-def _fronted(function: Callable[..., Any], before: int, extra: int) -> Callable[..., Any]:
+def fronted(function: Callable[..., Any], before: int, extra: int) -> Callable[..., Any]:
     """A function of `before` arguments and u that sees of u what is in front of the last `extra` inputs."""
     if not extra:
         return function
@@ -66,8 +66,14 @@ def _stacked(functions: tuple[Callable[..., Any], ...], driven: tuple[bool, ...]
     return lambda x: all_of(x)
 
 
-def _noise_of_motion(Q: Any, extra: int) -> Any:
-    return _fronted(Q, 2, extra) if callable(Q) and takes(Q, "Q", OF_MOTION) == 3 else Q
+def noise_of_motion(Q: Any, extra: int) -> Any:
+    """Q as it was, of inputs that have `extra` more behind them."""
+    return fronted(Q, 2, extra) if callable(Q) and takes(Q, "Q", OF_MOTION) == 3 else Q
+
+
+def noise_of_sensor(R: Any, extra: int) -> Any:
+    """R as it was, of inputs that have `extra` more behind them."""
+    return fronted(R, 1, extra) if callable(R) and takes(R, "R", OF_SENSOR) == 2 else R
 
 
 def _noise(model: Model, blocks: tuple[Block, ...], extra: int) -> Any:

@@ -11,12 +11,16 @@ from sigmax.records.units import Dimension
 
 
 class Input(NamedTuple):
-    """One input: where it comes from, what it is, and whose it is (no sensor: the motion's)."""
+    """One input: where it comes from, what it is, and whose it is (no sensor: the motion's).
+
+    One that is a standard deviation is positive.
+    """
 
     column: Column
     dimension: Dimension | None
     sensor: str | None
     where: str
+    deviation: bool = False
 
 
 class Built(NamedTuple):

@@ -97,6 +97,7 @@ class SensorPart(Section):
     measurement: dict[str, str] | None = None
     inputs: dict[str, ColumnGiven] = Field(default_factory=dict)
     update: str | None = None
+    delay: Any = 0
 
 
 def _as_lists(given: Any) -> Any:
@@ -188,21 +189,21 @@ def read_toml(path: Path, kind: type[S]) -> S:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path.name} is not valid TOML: {error}") from error
     except ValidationError as error:
-        raise InputError(_in_words(path, error)) from error
+        raise InputError(f"{path.name}: {in_words(error)}") from error
 
 
-def _in_words(path: Path, error: ValidationError) -> str:
+def in_words(error: ValidationError) -> str:
     """The first thing that is wrong; the others often follow from it."""
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"])
     if first["type"] == "missing":
         *above, key = (str(part) for part in first["loc"])
         where = f"[{'.'.join(above)}]" if above else "the top of the file, before the first [table],"
-        return f"{path.name}: {where} needs the key {key!r}"
+        return f"{where} needs the key {key!r}"
     if first["type"] in ("table", "key", "empty"):
-        return f"{path.name}: {f'{place}: ' if place else ''}{first['msg']}"
+        return f"{f'{place}: ' if place else ''}{first['msg']}"
     wanted = _WANTED.get(first["type"], first["msg"][:1].lower() + first["msg"][1:])
-    return f"{path.name}: {place}: {wanted}; it is {first['input']!r}"
+    return f"{place}: {wanted}; it is {first['input']!r}"
 
 
 _WANTED = {

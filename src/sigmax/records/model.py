@@ -70,8 +70,12 @@ def _of_one_mode(description: Description, motion: list[MotionPart], where: str,
         )
         part_of_u = slice(len(inputs), len(inputs) + len(own))
         hear[name] = _with_part_of(sensing.sensor.function, part_of_u, 1, f"sensors.{name}.kind")
-        noises[name] = _with_part_of(sensing.R, part_of_u, 1, f"sensors.{name}.noise", must=False)
-        inputs += own
+        where_noise = f"sensors.{name}.noise"
+        columns = {} if sensing.deviations is None else sensing.deviations.columns
+        known = [Input(v, sensing.dimensions[c], name, f"{where_noise}.{c}", True) for c, v in columns.items()]
+        part_of_noise = slice(part_of_u.stop, part_of_u.stop + len(known)) if known else part_of_u
+        noises[name] = _with_part_of(sensing.R, part_of_noise, 1, where_noise, must=False)
+        inputs += [*own, *known]
     biased = None
     if description.bias:
         biased = read_bias(description.bias, state, moving.dimensions, sensings, hear)

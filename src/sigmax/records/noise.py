@@ -1,13 +1,76 @@
 """Noises from their description: standard deviations by component, a covariance, or a function."""
 
-from typing import Any
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from pydantic import ValidationError
 
 from sigmax.errors import InputError, unknown
 from sigmax.models.checks import numbers
+from sigmax.records.description import Column, in_words
 from sigmax.records.units import Dimension, quantity
 from sigmax.records.userfile import Functions, is_reference
+
+
+class Deviations(NamedTuple):
+    """Standard deviations that a table has of each measurement.
+
+    Attributes:
+        columns: by component.
+        variances: (m,) of all components, as far as they are the same in every row.
+        at: where the components of the columns stand.
+    """
+
+    columns: Mapping[str, Column]
+    variances: np.ndarray
+    at: tuple[int, ...]
+
+    def by_row(self, deviations: np.ndarray) -> np.ndarray:
+        """Variances (B, m) of rows of deviations (B, k)."""
+        found = np.tile(self.variances, (len(deviations), 1))
+        found[:, self.at] = deviations**2
+        return found
+
+    @property
+    def noise(self) -> Callable[..., Any]:
+        """R(x, u), where the deviations are all inputs u (k,)."""
+        return _of_inputs(tuple(self.variances.tolist()), self.at)
+
+
+def read_noise_of_sensor(
+    given: Any, wanted: dict[str, Dimension], where: str, functions: Functions
+) -> tuple[Any, Deviations | None]:
+    """The noise of a sensor, and what it takes from columns.
+
+    Raises:
+        InputError: as `read_noise`, and for what is no column.
+    """
+    table = given if isinstance(given, dict) else {}
+    columns = {name: _column(v, f"{where}.{name}") for name, v in table.items() if isinstance(v, dict)}
+    R = read_noise({**table, **dict.fromkeys(columns, 1.0)} if columns else given, wanted, where, functions)
+    if not columns:
+        return R, None
+    found = Deviations(columns, R, tuple(list(wanted).index(name) for name in columns))
+    return found.noise, found
+
+
+def _column(given: dict[str, Any], where: str) -> Column:
+    try:
+        return Column.model_validate(given)
+    except ValidationError as error:
+        raise InputError(f"{where}: {in_words(error)}") from error
+
+
+@lru_cache(maxsize=256)
+def _of_inputs(variances: tuple[float, ...], at: tuple[int, ...]) -> Callable[..., Any]:
+    def R(x: jax.Array, u: jax.Array) -> jax.Array:
+        return jnp.asarray(variances, x.dtype).at[jnp.array(at)].set(u**2)
+
+    return R
 
 
 def read_noise(given: Any, wanted: dict[str, Dimension], where: str, functions: Functions | None) -> Any:

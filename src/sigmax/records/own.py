@@ -10,6 +10,7 @@ import pandas as pd
 from sigmax.errors import InputError, unknown
 from sigmax.models import Gaussian
 from sigmax.records.built import Built
+from sigmax.records.delays import Rows, undelayed
 from sigmax.records.description import Column, Description, TimeColumn, read_toml
 from sigmax.records.doubts import doubts
 from sigmax.records.local import with_local
@@ -50,8 +51,10 @@ def _record(path: Path, description: Description) -> Record:
     for name, column in description.truth.items():
         place = built.model.state.index(name)
         truth[:, place] = _column(table, column, built.dimensions[place], f"truth.{name}")
+    of_table = time, epoch, names, rows, measured
+    (time, rows, measured, inputs, truth), late = undelayed(Rows(time, rows, measured, inputs, truth), built)
     names, rows, silent = _beginning(description.prior.get(FROM), measured, names, rows)
-    mean, cov, rows, notes = read_prior(description.prior, built, measured, rows, names)
+    mean, cov, rows, notes = read_prior(description.prior, built, measured, inputs, rows, names)
     steps = np.array([len(r) for r in rows])
     if steps.max() * len(rows) > max(_PADDING * steps.sum(), _ROOM):
         raise InputError(
@@ -88,8 +91,8 @@ def _record(path: Path, description: Description) -> Record:
         landmarks=landmarks,
         source=description.source or description.data,
         licence=description.licence,
-        notes=(*silent, *notes),
-        doubts=doubts(description, built, table, time, epoch, names, rows, measured),
+        notes=(*late, *silent, *notes),
+        doubts=doubts(description, built, table, *of_table),
         update_first=True,
         updates=built.updates,
     )
@@ -214,5 +217,12 @@ def _inputs(table: Table, built: Built, measured: dict[str, np.ndarray], rows: l
                     f"{table.path.name}, row {row}: the column {item.column.column!r} is empty, and so are the rows "
                     f"of the track before it; {item.where} needs a value from the first row on"
                 )
-            values[r, k] = np.nan_to_num(held)
+            below = ~(held > 0) & ~silent
+            if item.deviation and below.any():
+                row = table.row(int(r[np.flatnonzero(below)[0]]))
+                raise InputError(
+                    f"{table.path.name}, row {row}: {item.where} must be above 0, a standard deviation; it is "
+                    f"{held[below][0]:g}: name numbers that mean nothing, missing = {held[below][0]:g}"
+                )
+            values[r, k] = np.nan_to_num(held, nan=float(item.deviation))
     return values

@@ -69,6 +69,9 @@ def build_plots(path: Path, description: PlotDescription) -> Built:
         raise InputError("[bias] does not go with [tracking]: find it on recorded tracks and correct the columns")
     built = build(description, path.parent)
     check_columns(description, built)
+    for name, sensing in built.sensings.items():
+        if sensing.deviations is not None:
+            raise InputError(f"sensors.{name}.noise: the plots of a scan share one noise; give numbers, no columns")
     for name in part.sensors:
         if name not in built.sensings:
             raise InputError(f"tracking.sensors: {unknown('sensor', name, built.sensings)}")
@@ -103,7 +106,8 @@ def _record(path: Path, description: PlotDescription, part: TrackingPart) -> Plo
     inputs = columns(table, [(i.column, i.dimension, i.where) for i in built.inputs]) if built.inputs else None
     scans: list[Scan] = []
     for name, one in wanted.items():
-        scans += _scans(name, part.sensors[name], time, columns(table, one), inputs)
+        made_at = time - built.sensings[name].delay
+        scans += _scans(name, part.sensors[name], made_at, columns(table, one), inputs)
     made = cycle_of(built, description, part)
     made(parse_trial(description.filters[0]).filter)
     more = f" and {len(skipped) - _QUOTED} more" if len(skipped) > _QUOTED else ""

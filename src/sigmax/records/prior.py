@@ -17,13 +17,15 @@ def read_prior(
     given: dict[str, Any],
     built: Built,
     measured: dict[str, np.ndarray],
+    inputs: np.ndarray | None,
     rows: list[np.ndarray],
     names: tuple[str, ...],
 ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray], tuple[str, ...]]:
     """Means (B, n), covariances (B, n, n), the rows that remain of each track, and notes for the reader.
 
-    With `position_from`, a track begins with the first whole measurement of that sensor; it gives
-    the position and its covariance, and is taken out of `measured` so that it does not count twice.
+    `measured` and `inputs` are those of all rows of the table. With `position_from`, a track begins with the first
+    whole measurement of that sensor; it gives the position and its covariance, and is taken out of `measured` so that
+    it does not count twice.
 
     Raises:
         InputError: where a component is missing, given twice or not known, or a number does not fit.
@@ -56,7 +58,7 @@ def read_prior(
         firsts.append(int(whole[0]))
     begin = np.array([r[first] for r, first in zip(rows, firsts, strict=True)])
     try:
-        place, spread = _located(built, sensor, measured[sensor][begin])
+        place, spread = _located(built, sensor, measured[sensor][begin], None if inputs is None else inputs[begin])
     except InputError as error:
         raise InputError(f"prior.{FROM} = {sensor!r}: {error}") from error
     mean[:, at] = place
@@ -70,14 +72,16 @@ def read_prior(
     return mean, cov, [r[first:] for r, first in zip(rows, firsts, strict=True)], tuple(notes)
 
 
-def _located(built: Built, sensor: str, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _located(built: Built, sensor: str, z: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """The positions of measurements, without the mean of the bias and as uncertain as it leaves them."""
     sensing = built.sensings[sensor]
+    own = [k for k, item in enumerate(built.inputs) if item.sensor == sensor and item.deviation]
+    deviations = None if u is None or not own else u[:, own]
     if built.biased is None or sensor not in built.biased.effects:
-        return first_position(sensing, z)
+        return first_position(sensing, z, deviations=deviations)
     prior = built.biased.bias.prior
     F = built.biased.effects[sensor].on(z)
-    return first_position(sensing, z - F @ prior.mean, F @ prior.cov @ F.swapaxes(1, 2))
+    return first_position(sensing, z - F @ prior.mean, F @ prior.cov @ F.swapaxes(1, 2), deviations)
 
 
 def _component(given: dict[str, Any], name: str, built: Built, place: int) -> tuple[float, float]:

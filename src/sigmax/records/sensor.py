@@ -9,8 +9,8 @@ from sigmax.filters import Update, named
 from sigmax.models import Sensor, sensors
 from sigmax.records.description import SensorPart
 from sigmax.records.motion import components
-from sigmax.records.noise import read_noise
-from sigmax.records.units import ANGLE, LENGTH, SPEED, Dimension, quantity
+from sigmax.records.noise import Deviations, read_noise_of_sensor
+from sigmax.records.units import ANGLE, LENGTH, SPEED, TIME, Dimension, quantity
 from sigmax.records.userfile import Functions, is_reference
 
 
@@ -26,6 +26,8 @@ class Sensing(NamedTuple):
         origin: where it stands itself, None where it moves or is not of this kind.
         kind: its kind.
         update: how it corrects; None where it follows the filter.
+        deviations: what its noise takes from columns, as inputs.
+        delay: seconds from a measurement to the time of its row.
     """
 
     sensor: Sensor
@@ -36,6 +38,8 @@ class Sensing(NamedTuple):
     origin: tuple[float, ...] | None
     kind: str
     update: Update | None = None
+    deviations: Deviations | None = None
+    delay: float = 0.0
 
 
 _OPTIONS = {
@@ -84,8 +88,12 @@ def read_sensor(
         plain = {"position": LENGTH, "relative_position": LENGTH, "velocity": SPEED}.get(part.kind)
         dimensions = {name: plain or _MEASURED[name] for name in made.measurement}
         inputs = {name: ANGLE if "heading" in name else LENGTH for name in made.inputs}
-    R = read_noise(part.noise, dimensions, f"{where}.noise", functions)
-    return Sensing(made, R, dimensions, inputs, at, origin, part.kind, _update(part.update, f"{where}.update"))
+    R, deviations = read_noise_of_sensor(part.noise, dimensions, f"{where}.noise", functions)
+    update = _update(part.update, f"{where}.update")
+    delay = quantity(part.delay, TIME, f"{where}.delay")
+    if delay < 0:
+        raise InputError(f"{where}.delay must not be negative; it is {part.delay!r}")
+    return Sensing(made, R, dimensions, inputs, at, origin, part.kind, update, deviations, delay)
 
 
 def _update(given: str | None, where: str) -> Update | None:
@@ -148,16 +156,21 @@ def _own(part: SensorPart, where: str, functions: Functions) -> tuple[Sensor, di
     return made, dict(zip(names, dimensions, strict=True)), None
 
 
-def first_position(sensing: Sensing, z: np.ndarray, beyond: Any = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def first_position(
+    sensing: Sensing, z: np.ndarray, beyond: Any = 0.0, deviations: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Positions (B, k) and their covariances (B, k, k) from measurements (B, m) of a sensor.
 
-    What else is not known of them beside their noise, (B, m, m), stands in `beyond`.
+    What else is not known of them beside their noise, (B, m, m), stands in `beyond`, and in `deviations` (B, j) what
+    columns have of it.
 
     Raises:
         InputError: where the sensor does not tell a position.
     """
     k = len(sensing.at)
     R = sensing.R
+    if sensing.deviations is not None and deviations is not None:
+        R = sensing.deviations.by_row(deviations)[:, None] * np.eye(z.shape[1])
     if sensing.kind not in ("position", "range_azimuth") or callable(R):
         raise InputError(
             "a position comes from a sensor of the kind position or range_azimuth with a noise given in numbers"

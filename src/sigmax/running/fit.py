@@ -52,6 +52,7 @@ def fit(
     *,
     dt: Any = 1.0,
     inputs: Any = None,
+    R: Any = None,
     update_first: bool = False,
     positive: Collection[str] = (),
 ) -> Fit:
@@ -64,6 +65,7 @@ def fit(
         z: the record, as in `run`; the likelihoods of a batch are added.
         dt: as in `run`.
         inputs: as in `run`.
+        R: as in `run`.
         update_first: as in `run`.
         positive: names of parameters that must stay positive (deviations, densities): they are
             searched by their logarithm.
@@ -80,7 +82,7 @@ def fit(
         if not (values[name] > 0).all():
             raise InputError(f"{name} is to stay positive and starts at {values[name]}")
     model, prior = _built(build, {k: jnp.asarray(v) for k, v in values.items()})
-    checked = prepare(chosen, model, prior, z, dt, inputs, "float64", update_first)
+    checked = prepare(chosen, model, prior, z, dt, inputs, "float64", update_first, R=R)
     inside = {k: np.log(v) if k in kept_positive else v for k, v in values.items()}
     flat, unravel = ravel_pytree(inside)
     unit = np.where(np.asarray(flat) == 0, 1.0, np.maximum(np.abs(flat), 1e-3))
@@ -91,7 +93,13 @@ def fit(
     remembered = _objective if known is not None else _objective.__wrapped__
     objective = remembered(chosen, current(build), known, shapes, kept_positive, update_first)
     record = jax.tree.map(
-        jnp.asarray, (_record(model, z), checked.dt, None if inputs is None else numbers("inputs", inputs))
+        jnp.asarray,
+        (
+            _by_sensor("z", z),
+            checked.dt,
+            None if inputs is None else numbers("inputs", inputs),
+            None if R is None else _by_sensor("R", R),
+        ),
     )
 
     evaluations = 0
@@ -105,7 +113,7 @@ def fit(
     begin = np.asarray(flat) / unit
     value, _ = evaluate(begin)
     if not np.isfinite(value):
-        faults = run(chosen, model, prior, z, dt=dt, inputs=inputs, update_first=update_first).faults(1)
+        faults = run(chosen, model, prior, z, dt=dt, inputs=inputs, R=R, update_first=update_first).faults(1)
         raise InputError(
             f"the log-likelihood at the start is not finite ({'; '.join(faults) or value}); start elsewhere"
         )
@@ -138,9 +146,9 @@ def _objective(
     """The negative log-likelihood of a record and its gradient, compiled once: numbers are arguments."""
     _, unravel = ravel_pytree({name: np.zeros(shape) for name, shape in shapes})
 
-    def negative(vector: Any, z: Any, dt: Any, inputs: Any) -> Any:
+    def negative(vector: Any, z: Any, dt: Any, inputs: Any, R: Any) -> Any:
         model, prior = _built(build, _outside(unravel(vector), positive))
-        done = run(filter, model, prior, z, dt=dt, inputs=inputs, update_first=update_first, keep=("fault",))
+        done = run(filter, model, prior, z, dt=dt, inputs=inputs, R=R, update_first=update_first, keep=("fault",))
         return jnp.where(done.ok.all(), -jnp.sum(done.log_likelihood), jnp.inf)
 
     return compiled(jax.value_and_grad(negative))
@@ -174,10 +182,10 @@ def _outside(inside: Parameters, positive: Collection[str]) -> Parameters:
     return {k: jnp.exp(v) if k in positive else v for k, v in inside.items()}
 
 
-def _record(model: Model, z: Any) -> Any:
-    if isinstance(z, Mapping):
-        return {s: numbers(f"z[{s!r}]", v, missing=True) for s, v in z.items()}
-    return numbers("z", z, missing=True)
+def _by_sensor(what: str, given: Any) -> Any:
+    if isinstance(given, Mapping):
+        return {s: numbers(f"{what}[{s!r}]", v, missing=True) for s, v in given.items()}
+    return numbers(what, given, missing=True)
 
 
 def _values(start: Mapping[str, Any]) -> dict[str, np.ndarray]:

@@ -13,6 +13,7 @@ from sigmax.models.checks import by_name, enough_memory, finite, is_traced, numb
 from sigmax.models.fusion import Fused, put_together
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
+from sigmax.models.noise_by_row import noises_by_row, with_noise_by_row
 from sigmax.models.stack import stack
 from sigmax.models.switching import SwitchingModel
 from sigmax.running.current import current_model
@@ -90,6 +91,7 @@ def prepare(
     dtype: Any,
     update_first: bool = False,
     keep: Collection[str] = (),
+    R: Any = None,
 ) -> Prepared:
     """Check everything and lay it out; the arguments are those of `run`.
 
@@ -111,6 +113,8 @@ def prepare(
     elapsed = intervals(dt, T, update_first)
     u = inputs_given = _inputs(model, inputs, T)
     fused = None
+    if R is not None:
+        model, u = with_noise_by_row(model, noises_by_row(model, measured, R), u)
     if model.fusion is not None:
         fused = put_together(model, measured, u)
         model = stack(model)
@@ -120,7 +124,7 @@ def prepare(
     batches |= {"the prior": len(prior.mean)} if prior.mean.ndim == 2 else {}
     batches |= {"the prior's covariance": len(prior.cov)} if prior.cov.ndim == 3 else {}
     batches |= {"dt": len(elapsed)} if elapsed.ndim == 2 else {}
-    batches |= {"inputs": len(u)} if u is not None and u.ndim == 3 else {}
+    batches |= {"inputs" if R is None else "inputs and R": len(u)} if u is not None and u.ndim == 3 else {}
     if len(set(batches.values())) > 1:
         raise InputError(f"the batches differ in size: {batches}")
     batch = next(iter(batches.values()), None)

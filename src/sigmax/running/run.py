@@ -27,6 +27,7 @@ def run(
     *,
     dt: Any = 1.0,
     inputs: Any = None,
+    R: Any = None,
     update_first: bool = False,
     keep: Collection[str] = PARTS,
     dtype: Any = "float64",
@@ -43,6 +44,8 @@ def run(
             A dict by sensor name where the model has several; they are corrected in its order.
         dt: seconds since the step before: one number, (T,) or (B, T); timedeltas, too.
         inputs: (T, k) or (B, T, k) for motions and sensors that take u.
+        R: the noise of each measurement, if it is not the model's: variances (T, m) or covariances (T, m, m), with a
+            batch in front or without; a dict by sensor name where the model has several, of those that have their own.
         update_first: whether the prior stands at the first measurement: then no motion and no Q come before that one,
             whatever the motion. The first dt is not read, and may be left out: (T − 1,) or (B, T − 1).
         keep: which parts of the result to store, to save memory on large batches; the log-likelihood
@@ -63,7 +66,7 @@ def run(
     for part in keep:
         if part not in PARTS:
             raise unknown("part of a result", part, PARTS)
-    ready = prepare(chosen, model, prior, z, dt, inputs, dtype, update_first, keep)
+    ready = prepare(chosen, model, prior, z, dt, inputs, dtype, update_first, keep, R)
     kept = frozenset(keep) | ({"dof"} if ready.fused is not None else set())
     traced = ready.captured or is_traced(ready)
     total, parts = attempt(

@@ -71,6 +71,10 @@ class Feed:
             self.window = quantity(description.tracking.late, TIME, "tracking.late")
             parts = description.tracking.sensors
             self.periods = {sensor: period_of(sensor, parts[sensor]) for sensor in built.sensings}
+            self._delays = {sensor: sensing.delay for sensor, sensing in built.sensings.items()}
+            apart = max(self._delays.values()) - min(self._delays.values())
+            if apart > self.window:
+                raise InputError(f"tracking.late must be at least what the delays of sensors differ by, {apart:g} s")
             self._measured: dict[str, list[FeedColumn]] = {}
             for sensor in built.sensings:
                 wanted = measured_columns(description, built, sensor)
@@ -128,7 +132,7 @@ class Feed:
         for sensor in chosen:
             z = numbers_of(row, self._measured[sensor])
             if not np.isnan(z).all():
-                plots.append(Plot(time, sensor, z, self._u(row, sensor)))
+                plots.append(Plot(time - self._delays[sensor], sensor, z, self._u(row, sensor)))
         if not plots:
             raise InputError(f"no sensor's columns have a number; {self._wanted()}")
         return Message(tuple(plots), None, False, source, serial)
@@ -143,7 +147,7 @@ class Feed:
         z = np.empty((len(given), len(self._measured[sensor])))
         for k, column in enumerate(self._measured[sensor]):
             z[:, k] = column_of(given, column)
-        return Scan(time, sensor, z, self._u(row, sensor))
+        return Scan(time - self._delays[sensor], sensor, z, self._u(row, sensor))
 
     def _sensor(self, name: Any) -> str:
         if not isinstance(name, str) or name not in self._measured:
