@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.errors import InputError, unknown
+from sigmax.errors import InputError
 from sigmax.filters import Bank, Filter, ModeFilters, get
 from sigmax.models.checks import by_name, enough_memory, finite, is_traced, numbers
 from sigmax.models.fusion import Fused, put_together
@@ -22,6 +22,7 @@ from sigmax.running.intervals import intervals
 from sigmax.running.joining import joined, modes_of
 from sigmax.running.layout import Layout
 from sigmax.running.linearity import check_linear
+from sigmax.running.measurements import measurements_of, steps_of
 
 
 class Prepared(NamedTuple):
@@ -195,49 +196,6 @@ def cast(model: Model, dtype: Any) -> Model:
     if all(isinstance(leaf, np.ndarray) and leaf.dtype == dtype for leaf in leaves):
         return model
     return jax.tree.map(lambda leaf: typed(leaf, dtype), model)
-
-
-def measurements_of(model: Model, z: Any) -> dict[str, Any]:
-    """Measurements by sensor, (T, m) or (B, T, m), checked against the model."""
-    if model.several != isinstance(z, Mapping):
-        wanted = f"a dict by sensor name, {sorted(model.sensors)}" if model.several else "an array (T, m) or (B, T, m)"
-        raise InputError(f"z must be {wanted}; it is {type(z).__name__}")
-    measured: Mapping[str, Any] = z if isinstance(z, Mapping) else {"": z}
-    if not measured:
-        raise InputError("z has no measurements: the dict is empty")
-    for s in measured:
-        if s not in model.sensors:
-            raise unknown("sensor", s, model.sensors)
-    result = {}
-    for s in model.sensors:
-        if s not in measured:
-            continue
-        label = f"z[{s!r}]" if s else "z"
-        value = numbers(label, by_name(label, measured[s], model.measurement[s]), missing=True)
-        if value.ndim not in (2, 3):
-            hint = "; for a scalar measurement use z[:, None]" if value.ndim == 1 else ""
-            raise InputError(f"{label} must have the shape (T, m) or (B, T, m); it has {value.shape}{hint}")
-        names = model.measurement[s]
-        if names is not None and value.shape[-1] != len(names):
-            raise InputError(f"{label} has {value.shape[-1]} columns, the sensor {len(names)}: {list(names)}")
-        if value.shape[-2] == 0:
-            raise InputError(f"{label} has no time steps: its shape is {value.shape}")
-        if value.shape[0] == 0:
-            raise InputError(f"{label} has no tracks: its shape is {value.shape}")
-        result[s] = value
-    return result
-
-
-def steps_of(measured: Mapping[str, Any]) -> int:
-    """The number of time steps of measurements by sensor.
-
-    Raises:
-        InputError: where it is not the same for all.
-    """
-    steps = {s: v.shape[-2] for s, v in measured.items()}
-    if len(set(steps.values())) > 1:
-        raise InputError(f"all sensors need the same number of time steps, NaN where one did not report; got {steps}")
-    return int(next(iter(steps.values())))
 
 
 def _inputs(model: Model, inputs: Any, T: int) -> Any:

@@ -18,7 +18,8 @@ from sigmax.models.model import Model
 from sigmax.models.switching import check_one_mode
 from sigmax.running.current import current_model
 from sigmax.running.functions import check_functions
-from sigmax.running.prepare import cast, laid_out_steps, measurements_of, steps_of
+from sigmax.running.measurements import measurements_of, steps_of
+from sigmax.running.prepare import cast, laid_out_steps
 from sigmax.running.updating import there
 
 # Below this part of the largest singular value a direction is not determined: a variance 10¹² times that of another.
