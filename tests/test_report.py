@@ -170,6 +170,10 @@ def test_other_verdicts(tracked: tuple[Record, list[Outcome], list[Score]]) -> N
         in verdict([made("A", 0.5, 1.0), Score("G", "G", failure="ValueError: no")])[1][1]
     )
     assert verdict([Score("A", "A")])[0].startswith("Nothing was measured")
+    # What did not run is not judged.
+    failed = [Score(name, name, failure="ValueError: no") for name in ("G", "H")]
+    assert verdict(failed[:1])[0] == "G could not be run."
+    assert verdict(failed)[0] == "None of these filters could be run."
 
 
 def test_numbers_read_well() -> None:

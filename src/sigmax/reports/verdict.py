@@ -89,6 +89,8 @@ def _nobody(scores: Sequence[Score]) -> str:
     graded = [grade(s) for s in scores]
     if scores and all(g is Grade.UNKNOWN for g in graded) and not any(s.measurements for s in scores):
         return "Nothing was measured, so nothing can be said about any filter."
+    if scores and all(g is Grade.FAILED for g in graded):
+        return f"{scores[0].label} could not be run." if len(scores) == 1 else "None of these filters could be run."
     if Grade.UNKNOWN in graded:
         unknown = [s for s in scores if grade(s) is Grade.UNKNOWN]
         counts = [n for n in map(needed, unknown) if n is not None]
