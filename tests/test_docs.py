@@ -5,6 +5,7 @@ How a block is treated depends on its language and its title alone:
 - any block titled with a file name (`toml title="radar.toml"`) is first written to that file;
 - `python` blocks run in the order of the page, in one namespace and in a temporary directory;
 - a block titled "Output" holds what the Python block before it prints: words exactly, numbers to 1 %;
+- a picture that the page shows is drawn by its Python blocks, and kept for the site;
 - in `console` blocks the lines that begin with `$ ` go to a shell, in that directory; those that
   would install things or build an environment are compared with the Makefile and pyproject.toml.
 """
@@ -14,49 +15,27 @@ import io
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
+from docs.pages import Block, blocks_of, gallery, pictures_of
 
 import sigmax
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 TARGETS = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
-_FENCE = re.compile(r"^(?P<indent> *)```(?P<info>[^\n`]*)\n(?P<body>.*?)^(?P=indent)```$", re.MULTILINE | re.DOTALL)
-_TITLE = re.compile(r'title="([^"]*)"')
-_FILE = re.compile(r"[\w-]+\.(toml|csv|py|json|c)")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 
-class Block(NamedTuple):
-    """A fenced block: where it stands, its language, its title, its lines."""
-
-    line: int
-    language: str
-    title: str
-    body: str
-
-    @property
-    def is_file(self) -> bool:
-        return _FILE.fullmatch(self.title) is not None
-
-
-def blocks_of(page: Path) -> list[Block]:
-    text = page.read_text()
-    found = []
-    for match in _FENCE.finditer(text):
-        indent, info = match["indent"], match["info"].strip()
-        title = _TITLE.search(info)
-        body = "".join(line.removeprefix(indent) for line in match["body"].splitlines(keepends=True))
-        start = text.count("\n", 0, match.start()) + 1
-        found.append(Block(start, info.split()[0] if info else "", title[1] if title else "", body))
-    return found
+def _name(page: Path) -> str:
+    return page.stem if page.parent in (ROOT, ROOT / "docs") else f"{page.parent.name}/{page.stem}"
 
 
 def execute(page: Path, block: Block, namespace: dict[str, Any]) -> str:
@@ -107,7 +86,7 @@ def shell(command: str, directory: Path, where: str) -> None:
     assert done.returncode == 0, f"{where}: `{command}` ended with {done.returncode}:\n{done.stdout}\n{done.stderr}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
@@ -130,9 +109,13 @@ def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
             assert commands, f"{where}: a console block without a command"
             for command in commands:
                 shell(command, tmp_path, where)
+    for picture in pictures_of(page):
+        assert (tmp_path / picture).exists(), f"{page.name} shows {picture}, which nothing on it draws"
+        gallery(page).mkdir(parents=True, exist_ok=True)
+        shutil.copy(tmp_path / picture, gallery(page) / picture)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_page_has_no_block_that_nobody_looks_at(page: Path) -> None:
     """A block is executed, written to a file, compared, or plain text: a language without a rule is a mistake."""
     known = {"python", "console", "text"}
@@ -159,10 +142,11 @@ def test_what_the_tests_compare_can_fail() -> None:
         check_pip(["install", ".[piazza]"], "here")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_links_to_pages_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page.read_text()):
-        assert (page.parent / target).exists(), f"{page.name} links to {target}, which is not there"
+        drawn = target in pictures_of(page)
+        assert drawn or (page.parent / target).exists(), f"{page.name} links to {target}, which is not there"
 
 
 def test_table_of_the_readme_is_the_catalogue() -> None:
