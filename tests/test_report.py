@@ -16,8 +16,8 @@ from sigmax.reports import Grade, Score, grade, score, verdict
 from sigmax.reports.figures import nis_figure
 from sigmax.reports.page import page
 from sigmax.reports.score import misses
-from sigmax.reports.thin import stride, thin
 from sigmax.reports.verdict import best, nis_in_words, significant
+from sigmax.views.thin import stride, thin
 from tests.browser import opened
 from tests.own_records import tracked_radar
 

@@ -139,7 +139,7 @@ def _rover_beacon() -> Scenario:
 
     return _made(
         "a vehicle with odometry that hears radio beacons; the scale of the ranges is a state",
-        Motion(_rover_driven, both.state, both.noise),
+        Motion(_rover_driven, both.state, both.noise, units=both.units),
         Sensor(_beacon_heard, beacon.measurement),
         both.noise(drive.noise(position=0.05, heading=0.02), scale.noise(0.0)),
         [0.09],

@@ -82,14 +82,15 @@ def own(array: Any) -> Any:
 
 
 def by_name(what: str, value: Any, names: Sequence[str] | None) -> Any:
-    """A frame with its columns, or a series with its entries, in the order of `names`; anything else as it is.
+    """A table of pandas, polars or Arrow, or a series, in the order of `names`; anything else as it is.
 
     Where one side has no names, such as columns that are only counted, the order is taken for that of the names.
 
     Raises:
         InputError: where it has other names.
     """
-    labels = getattr(value, "columns", None)
+    # Arrow's tables have names beside columns, others have columns that are names.
+    labels = getattr(value, "column_names", getattr(value, "columns", None))
     frame = labels is not None
     if labels is None and type(value).__name__ == "Series" and hasattr(value, "index"):
         labels = getattr(value.index, "tolist", list)()
@@ -106,7 +107,7 @@ def by_name(what: str, value: Any, names: Sequence[str] | None) -> Any:
         raise InputError(
             f"{what} has {kind} {given}, the model {wanted}: rename them, or give their values alone, {what}.to_numpy()"
         )
-    return value[wanted]
+    return value.select(wanted) if hasattr(value, "column_names") else value[wanted]
 
 
 _OURS = (np.dtype(np.float64), np.dtype(np.float32))

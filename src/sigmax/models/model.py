@@ -12,6 +12,7 @@ from sigmax.models.components import Components, by_sensor, components, measured
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, noise, takes
 from sigmax.models.parts import Motion, Sensor
+from sigmax.models.units import Units, units_of
 from sigmax.spaces import Flat, Space
 
 
@@ -35,6 +36,8 @@ class Model:
         domain: a function x -> x that brings a state back to where it makes sense, such as
             `mirrored_speed`; the covariance follows its derivative.
         bias: a random bias of motion and sensors, which filters estimate beside the state.
+        units: of components of state and bias, by name, for tables and pictures: `{"speed": "m/s"}`. Angles are in
+            radians, ready-made motions know theirs; nothing is converted.
 
     Raises:
         InputError: for shapes, names or matrices that do not fit.
@@ -51,9 +54,12 @@ class Model:
         measurement: Sequence[str] | Mapping[str, Sequence[str]] | None = None,
         domain: Callable[[Any], Any] | None = None,
         bias: Bias | None = None,
+        units: Mapping[str, str] | None = None,
     ) -> None:
+        known: Mapping[str, str] = {}
         if isinstance(motion, Motion):
             state = motion.state if state is None else state
+            known = dict(zip(motion.state, motion.units, strict=False))
         self.motion: Callable[..., Any] = motion.function if isinstance(motion, Motion) else motion
         self.domain = domain
         self.several = isinstance(sensor, Mapping)
@@ -95,6 +101,8 @@ class Model:
         self.fusion: tuple[Any, ...] | None = None
         seen_by = {s: self.measured_deviations(s) for s in self.sensors}
         self.bias = None if bias is None else bias.fitted(self.state, self.deviations, seen_by, self.several)
+        names = () if self.bias is None else self.bias.names
+        self.units: Units = units_of(units, known, self.components, names)
 
     @property
     def state(self) -> tuple[str, ...]:

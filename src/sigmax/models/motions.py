@@ -15,6 +15,9 @@ from sigmax.models.parts import Motion, made_once
 from sigmax.models.quadratic import quadratic_function
 from sigmax.models.smooth import cosc, decay, decay2, sinc
 
+# Of a position and its derivatives.
+_LEVELS = ("m", "m/s", "m/s²")
+
 
 @made_once
 def random_walk(names: Sequence[str] = ("x",)) -> Motion:
@@ -63,7 +66,8 @@ def _integrators(axes: Sequence[str], prefixes: Sequence[str]) -> Motion:
 
         return Q
 
-    return Motion(function, tuple(prefix + axis for prefix in prefixes for axis in axes), noise)
+    names = tuple(prefix + axis for prefix in prefixes for axis in axes)
+    return Motion(function, names, noise, units=tuple(unit for unit in _LEVELS[:order] for _ in axes))
 
 
 def _power(dt: jax.Array, order: int, i: int, j: int) -> jax.Array:
@@ -98,7 +102,8 @@ def singer(axes: Sequence[str] = ("x", "y"), tau: float = 10.0) -> Motion:
 
         return Q
 
-    return Motion(function, tuple(prefix + axis for prefix in ("", "v", "a") for axis in axes), noise)
+    names = tuple(prefix + axis for prefix in ("", "v", "a") for axis in axes)
+    return Motion(function, names, noise, units=tuple(unit for unit in _LEVELS for _ in axes))
 
 
 @made_once
@@ -112,21 +117,15 @@ def coordinated_turn() -> Motion:
         north, east, speed, course, turn_rate = x
         half = turn_rate * dt / 2
         way = speed * dt * sinc(half)
-        return jnp.stack(
-            [
-                north + way * jnp.cos(course + half),
-                east + way * jnp.sin(course + half),
-                speed,
-                course + turn_rate * dt,
-                turn_rate,
-            ]
-        )
+        north, east = north + way * jnp.cos(course + half), east + way * jnp.sin(course + half)
+        return jnp.stack([north, east, speed, course + turn_rate * dt, turn_rate])
 
     def noise(position: float, speed: float, course: float, turn_rate: float) -> np.ndarray:
         """Variances per second from standard deviations per √s."""
         return squares([position, position, speed, course, turn_rate])
 
-    return Motion(function, ("north", "east", "speed", angle("course"), "turn_rate"), noise)
+    names = ("north", "east", "speed", angle("course"), "turn_rate")
+    return Motion(function, names, noise, units=("m", "m", "m/s", "rad", "rad/s"))
 
 
 @made_once
@@ -153,7 +152,7 @@ def coordinated_turn_cartesian(axes: Sequence[str] = ("x", "y")) -> Motion:
 
         return Q
 
-    return Motion(function, (a, b, f"v{a}", f"v{b}", "turn_rate"), noise)
+    return Motion(function, (a, b, f"v{a}", f"v{b}", "turn_rate"), noise, units=("m", "m", "m/s", "m/s", "rad/s"))
 
 
 @made_once
@@ -171,7 +170,7 @@ def unicycle() -> Motion:
         """Variances per second from standard deviations per √s."""
         return squares([position, position, heading])
 
-    return Motion(function, ("x", "y", angle("heading")), noise, inputs=("speed", "turn_rate"))
+    return Motion(function, ("x", "y", angle("heading")), noise, ("speed", "turn_rate"), ("m", "m", "rad"))
 
 
 @made_once
@@ -203,7 +202,8 @@ def join(first: Motion, second: Motion) -> Motion:
         return Q
 
     joined = with_inputs if driven else without_inputs
-    return Motion(joined, (*first.state, *second.state), noise, first.inputs)
+    units = [unit for part in (first, second) for unit in part.units or ("",) * len(part.state)]
+    return Motion(joined, (*first.state, *second.state), noise, first.inputs, tuple(units))
 
 
 def _interval(Q: Any, dt: jax.Array) -> jax.Array:

@@ -22,12 +22,14 @@ class Motion(NamedTuple):
         state: names of the components, angles marked.
         noise: gives Q from densities or standard deviations per √s, in SI units and radians.
         inputs: names of the inputs u, empty where there are none.
+        units: of the components, empty where they are not known.
     """
 
     function: Callable[..., jax.Array]
     state: tuple[str, ...]
     noise: Callable[..., Any]
     inputs: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
 
 class Sensor(NamedTuple):

@@ -62,6 +62,7 @@ class SwitchingModel(Model):
         self.transition, self.rates, self.initial, self.entry = transition, rates, initial, entry
         first = self.models[0]
         self.components = united([m.components for m in self.models])
+        self.units = tuple(dict(pair for m in reversed(self.models) for pair in m.units).items())
         self.several, self.measured = first.several, first.measured
         self.domain = self.bias = self.fusion = None
         inputs = {m.inputs for m in self.models} - {None}

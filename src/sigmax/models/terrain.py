@@ -119,7 +119,8 @@ def _error_noise(height: float, vertical: float, acceleration: float, velocity: 
 
 def inertial_errors() -> Motion:
     """What has to be added to the height, velocities and position of an inertial system (Belov et al., (10))."""
-    return Motion(_error_motion, ("dh", "dv", "da", "dvx", "dvz", "dx", "dz"), _error_noise)
+    units = ("m", "m/s", "m/s²", "m/s", "m/s", "m", "m")
+    return Motion(_error_motion, ("dh", "dv", "da", "dvx", "dvz", "dx", "dz"), _error_noise, units=units)
 
 
 @made_once

@@ -170,6 +170,7 @@ def _own(part: MotionPart, where: str, functions: Functions) -> Moving:
     function = functions(part.kind, f"{where}.kind")
     names, dimensions = components(part.state, f"{where}.state")
     Q = read_noise(part.noise, dict(zip(names, dimensions, strict=True)), f"{where}.noise", functions)
-    made = Motion(function, names, lambda: Q, tuple(part.inputs))
+    units = tuple(dimension.symbol for dimension in dimensions)
+    made = Motion(function, names, lambda: Q, tuple(part.inputs), units)
     lengths = [name for name, dimension in zip(names, dimensions, strict=True) if dimension == LENGTH]
     return Moving(made, Q, dimensions, tuple(lengths[:3]), None)

@@ -10,8 +10,8 @@ import sigmax
 from sigmax.reports.document import data, document, dotted, graded, lead, place, section, table, within_script
 from sigmax.reports.figures.draw import COLOURS, MUTED, Figure, line, safe
 from sigmax.reports.followed import Followed
-from sigmax.reports.thin import stride
 from sigmax.reports.verdict import significant
+from sigmax.views.thin import stride
 
 # What the page may hold.
 _PLOTS, _TRACKS, _POINTS = 30_000, 400, 60_000

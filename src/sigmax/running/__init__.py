@@ -4,9 +4,10 @@ from sigmax.running.contributions import absorb, contribution
 from sigmax.running.fit import Fit, fit
 from sigmax.running.live import Live
 from sigmax.running.message import Contribution
-from sigmax.running.result import Result, Smoothed
+from sigmax.running.result import Result
 from sigmax.running.run import run
 from sigmax.running.smooth import smooth
+from sigmax.running.smoothed import Smoothed
 from sigmax.running.start import start
 from sigmax.running.step import Fault
 from sigmax.running.tails import fit_tails

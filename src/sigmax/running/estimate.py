@@ -4,27 +4,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import jax
 import numpy as np
 
 from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.running.layout import Layout
 from sigmax.running.live_xla import XlaState
-from sigmax.running.result import Smoothed
 from sigmax.running.smooth import backwards
+from sigmax.running.smoothed import Smoothed
 from sigmax.running.step import Fault
 from sigmax.running.window import Engine, Standing
 
 
-@dataclass(frozen=True)
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, repr=False)
 class Estimate(Smoothed):
-    """What a live filter knows of one moment: as `Smoothed`, without the axis of time.
-
-    Attributes:
-        time: seconds.
-    """
-
-    time: float
+    """What a live filter knows of one moment: as `Smoothed`, without the axis of time."""
 
 
 def left_as_it_was(engine: Engine, call: Callable[[], Any]) -> Any:
@@ -81,7 +77,7 @@ def smoothed(
 def _estimate(layout: Layout, kept: Sequence[Any], fault: Any, time: float) -> Estimate:
     mean, factor, rest = kept
     rest = None if rest is None else rest[..., 0, :]
-    return Estimate(layout, mean[..., 0, :], factor[..., 0, :, :], fault, rest, time)
+    return Estimate(layout, mean[..., 0, :], factor[..., 0, :, :], fault, rest, stored_time=time)
 
 
 def _inputs(of_steps: list[Any]) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.models.checks import finite, is_traced, numbers
+from sigmax.running.times import Times
 
 # Units of time, in seconds.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
@@ -83,17 +84,23 @@ def _not_times(value: Any) -> None:
     if (later[..., 0] > 1e5).all() and (steps > 0).all() and (steps.mean(-1) < 1e-3 * later[..., 0]).all():
         raise InputError(
             f"dt are the intervals between the measurements, in seconds; these look like their times, {later.min()} "
-            f"to {later.max()}: give np.diff(t) with update_first=True, or np.diff(t, prepend=…) the time of the prior"
+            f"to {later.max()}: give them as t=, and the time of the prior as t0= or by update_first=True"
         )
 
 
 def intervals(dt: Any, T: int, update_first: bool) -> Any:
-    """Seconds of T steps, (T,) or (B, T); the first, which may be missing, is 0 where the record begins with an update.
+    """Seconds of T steps, (T,) or (B, T), from dt or the times of the measurements.
+
+    The first, which may be missing, is 0 where the record begins with an update.
 
     Raises:
         InputError: for what is not finite, negative or of another length.
     """
-    value = np.asarray(_in_seconds(dt)) if not is_traced(dt) else numbers("dt", dt)
+    by_time = isinstance(dt, Times)
+    if by_time:
+        value = dt.intervals(T, update_first)
+    else:
+        value = np.asarray(_in_seconds(dt)) if not is_traced(dt) else numbers("dt", dt)
     if value.ndim == 0:
         value = jnp.full((T,), value) if is_traced(value) else np.full(T, value)
     array: Any = jnp if is_traced(value) else np
@@ -107,7 +114,8 @@ def intervals(dt: Any, T: int, update_first: bool) -> Any:
             f"{hint if value.shape[-1] == T - 1 else ''}"
         )
     finite("dt", value)
-    _not_times(value)
+    if not by_time:
+        _not_times(value)
     if not is_traced(value) and (np.asarray(value) < 0).any():
         place = np.argwhere(np.asarray(value) < 0)[0]
         raise InputError(

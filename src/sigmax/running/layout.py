@@ -5,6 +5,7 @@ from typing import NamedTuple
 from sigmax.filters import Weight
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
+from sigmax.models.units import Units
 from sigmax.spaces import Space
 
 
@@ -21,6 +22,10 @@ class Layout(NamedTuple):
         fusion: how each sensor was fused with the others, by its name.
         modes: names of the modes, where the model has several.
         weights: what weighs the measurements of a sensor, by the name that it has in what was stored.
+        filter: the name of the filter.
+        named_deviations: names of the deviations of the state.
+        units: of all components, by name.
+        dated: whether stored times are instants: nanoseconds since 1970 rather than seconds.
     """
 
     state: tuple[str, ...]
@@ -32,13 +37,18 @@ class Layout(NamedTuple):
     fusion: tuple[tuple[str, str], ...] = ()
     modes: tuple[str, ...] = ()
     weights: tuple[tuple[str, Weight | None], ...] = ()
+    filter: str = ""
+    named_deviations: tuple[str, ...] = ()
+    units: Units = ()
+    dated: bool = False
 
     @classmethod
     def of(cls, model: Model, batched: bool, bias_first: bool) -> "Layout":
         """The layout of a run on a model as the user has it."""
         bias = () if model.bias is None else model.bias.names
         modes = model.names if isinstance(model, SwitchingModel) else ()
-        return cls(model.state, model.space, batched, model.several, bias, bias_first and bool(bias), modes=modes)
+        made = cls(model.state, model.space, batched, model.several, bias, bias_first and bool(bias), modes=modes)
+        return made._replace(named_deviations=model.deviations, units=model.units)
 
     @property
     def numbers(self) -> tuple[slice, slice]:

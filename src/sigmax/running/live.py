@@ -1,5 +1,6 @@
 """A filter at the end of a live sensor: the one object with a state."""
 
+from dataclasses import replace
 from datetime import timedelta
 from functools import cached_property
 from typing import Any
@@ -11,7 +12,6 @@ from sigmax.filters import Filter
 from sigmax.models.fusion import Fused
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, check_flat
-from sigmax.models.switching import SwitchingModel
 from sigmax.running.course import Course
 from sigmax.running.covariances import covariances
 from sigmax.running.current import current_model
@@ -21,22 +21,24 @@ from sigmax.running.given import Given, Heard
 from sigmax.running.intervals import duration, instant, seconds_of
 from sigmax.running.joining import joined
 from sigmax.running.layout import Layout
+from sigmax.running.live_estimate import LiveEstimate
 from sigmax.running.prepare import as_filter, cast, run_type, typed
 from sigmax.running.saved import identity, restored, saved
-from sigmax.running.step import Fault, Innovation
+from sigmax.running.step import Innovation
+from sigmax.running.times import seconds_since, since, zero_of
 
 _NUMBER, _INFINITY = (float, int), float("inf")
 Span = float | timedelta | str
 
 
-class Live:
+class Live(LiveEstimate):
     """Predict and update step by step, for one track or for a batch of them in step.
 
     Args:
         filter: as in `run`.
         model: as in `run`.
         prior: the state now, (n,) or (B, n).
-        time: of the prior, in seconds from whatever zero.
+        time: of the prior: seconds from whatever zero, or an instant, as in `run`; then all times are instants.
         window: how late a measurement may come: seconds, a timedelta or text such as "2 s". So much is kept.
         lag: how long ago `lagged` is; the same.
         dtype: float64 or float32.
@@ -60,7 +62,7 @@ class Live:
         model: Model,
         prior: Gaussian,
         *,
-        time: float = 0.0,
+        time: Any = 0.0,
         window: Span = 0.0,
         lag: Span = 0.0,
         dtype: Any = "float64",
@@ -70,6 +72,7 @@ class Live:
         now = current_model(model)
         self.filter, model, prior = joined(self._asked[0], now, prior)
         layout = Layout.of(now, prior.mean.ndim == 2, self.filter.form.bias_first)
+        self.layout = layout = layout._replace(filter=self._asked[0].name)
         self._biased, self._numbers, self._deviations = bool(layout.bias), layout.numbers, layout.deviations
         self.apart = model  # its sensors, where they are fused
         members, model = Members.of(model)
@@ -79,72 +82,14 @@ class Live:
         self._given = Given(self.model, self._dtype, self._tracks, now, self._asked[2], members)
         spans = duration("window", window), duration("lag", lag)
         self._how: dict[str, Any] = {"backend": backend, "window": spans[0], "lag": spans[1]}
+        self._zero = zero_of(time)
+        if self._zero is not None:
+            self._how["time"] = time
         about = typed(prior.mean, self._dtype), typed(prior.cov, self._dtype), layout, backend
-        self._course = Course(self.filter, self.model, *about, instant("time", time), *spans)
+        self._course = Course(self.filter, self.model, *about, self._seconds(time), *spans)
         self.counts = self._course.counts
 
-    @property
-    def time(self) -> float:
-        """What time it is, in seconds: that of the latest step."""
-        return self._course.time
-
-    @property
-    def mean(self) -> np.ndarray:
-        """The estimate (n,) or (B, n)."""
-        mean = self._course.still.read_mean()
-        return mean[..., self._numbers[0]] if self._biased else mean
-
-    @property
-    def bias_mean(self) -> np.ndarray:
-        """The estimate of the bias (p,) or (B, p)."""
-        return self._course.engine.read_mean()[..., self._numbers[1]]
-
-    @property
-    def bias_cov(self) -> np.ndarray:
-        """Its covariance (p, p) or (B, p, p)."""
-        return self._course.engine.read_cov()[..., self._deviations[1], self._deviations[1]]
-
-    @property
-    def bias_std(self) -> np.ndarray:
-        """Its standard deviations (p,) or (B, p)."""
-        return self._root_of_squares(self._deviations[1])
-
-    @property
-    def cov(self) -> np.ndarray:
-        """Its covariance (n, n) or (B, n, n)."""
-        cov = self._course.still.read_cov()
-        return cov[..., self._deviations[0], self._deviations[0]] if self._biased else cov
-
-    @property
-    def std(self) -> np.ndarray:
-        """Its standard deviations (n,) or (B, n)."""
-        return self._root_of_squares(self._deviations[0])
-
-    @property
-    def probability(self) -> np.ndarray:
-        """Probabilities of the modes (M,) or (B, M), in the order of the model's."""
-        if not isinstance(self.model, SwitchingModel):
-            raise InputError("this model has no modes: see sigmax.imm")
-        return np.exp(np.asarray(self.belief.log_weight)).T
-
-    @property
-    def belief(self) -> Any:
-        """Mean and factor of state and bias together, batch last."""
-        return self._course.still.belief
-
-    @property
-    def ok(self) -> Any:
-        """Whether the last call was sound: a bool, or one for each track."""
-        fault = self._course.engine.fault
-        return np.asarray(fault) == 0 if self._batched else not fault.any()
-
-    @property
-    def fault(self) -> Any:
-        """Why it was not: a `Fault`, or a list of one for each track."""
-        found = [Fault(int(f)) for f in np.ravel(self._course.engine.fault)]
-        return found if self._batched else found[0]
-
-    def predict(self, dt: Span | None = None, u: Any = None, *, time: float | None = None) -> None:
+    def predict(self, dt: Span | None = None, u: Any = None, *, time: Any = None) -> None:
         """Move the state dt seconds on, or to a time, with inputs u (k,) where the motion takes them."""
         if (dt is None) == (time is None):
             raise InputError("predict moves by dt seconds or to a time: give one of the two")
@@ -152,10 +97,10 @@ class Live:
         borrowed = u is None and self._course.keeps and not self._given.fused
         given = None if borrowed else self._given.moving(u)
         elapsed = None if dt is None else seconds_of(dt)
-        self._course.take(None, given, elapsed, None if time is None else instant("time", time))
+        self._course.take(None, given, elapsed, self._seconds(time))
 
     def update(
-        self, z: Any, sensor: str | None = None, *, R: Any = None, u: Any = None, time: float | None = None
+        self, z: Any, sensor: str | None = None, *, R: Any = None, u: Any = None, time: Any = None
     ) -> Innovation:
         """Correct with a measurement z (m,) or (B, m), NaN where a component is missing.
 
@@ -164,14 +109,14 @@ class Live:
             sensor: which of the model's sensors it comes from, where there are several.
             R: its covariance or variances this time, if not the model's.
             u: inputs (k,) where the sensor takes them, or the motion up to `time`.
-            time: when it was measured, in seconds, if not now. A late one is taken in its place, as if it had come in
+            time: when it was measured, if not now. A late one is taken in its place, as if it had come in
                 time, where it lies in the window; an older one is refused, and says what a missing one would.
 
         Returns:
             Residual, factor of its covariance, NIS and log-likelihood.
         """
-        at = None if time is None else instant("time", time)
-        later = at is not None and at > self.time
+        at = self._seconds(time)
+        later = at is not None and at > self._course.time
         moved = u is not None or self._given.fused if self._course.keeps else later
         return self._take(self._given.heard(z, sensor, R, u, moved), None, at)
 
@@ -202,17 +147,18 @@ class Live:
                 return told
         return self._take(self._given.heard(z, sensor, R, u, True), seconds_of(dt), None)
 
-    def at(self, time: float, *, u: Any = None) -> Estimate:
+    def at(self, time: Any, *, u: Any = None) -> Estimate:
         """What is known of a time from what was measured until then: of now, of later, or within the window.
 
         Args:
-            time: seconds.
+            time: the moment.
             u: inputs of the motion from the step before on; in a window those that are known do without.
 
         Raises:
             InputError: for a time of which nothing is kept.
         """
-        return self._course.at(instant("time", time), None if u is None else self._given.moving(u))
+        given = None if u is None else self._given.moving(u)
+        return self._dated(self._course.at(self._seconds(time), given))
 
     @property
     def lagged(self) -> Estimate | None:
@@ -220,11 +166,12 @@ class Live:
 
         It is what `smooth` says of it after a run up to now, and costs a step of the smoother for each step since.
         """
-        return self._course.lagged()
+        found = self._course.lagged()
+        return None if found is None else self._dated(found)
 
     def save(self) -> bytes:
         """The state as bytes; `restore` gives it back bit for bit, in another process too."""
-        return saved(self._course.saved(), self._identity)
+        return saved([*self._course.saved(), self._zero], self._identity)
 
     def restore(self, bytes: bytes) -> None:
         """Take up a state that `save` gave, of the same filter, model, batch and version of the library.
@@ -232,7 +179,12 @@ class Live:
         Raises:
             InputError: where the bytes are no such state, damaged, not finite, or of something else.
         """
-        self._course.restore(restored(bytes, self._course.saved(), self._identity))
+        *value, zero = restored(bytes, self._course.saved(), self._identity)
+        if (zero is None) != (self._zero is None):
+            kinds = [("instants", "seconds")[one is None] for one in (zero, self._zero)]
+            raise InputError(f"the saved state counts time in {kinds[0]}, this filter in {kinds[1]}: see time=")
+        self._course.restore(value)
+        self._zero = zero
 
     @cached_property
     def _identity(self) -> dict[str, Any]:
@@ -247,9 +199,18 @@ class Live:
         self.__init__(*asked, dtype=dtype, **how)  # type: ignore[misc]
         self.restore(content)
 
-    def _root_of_squares(self, rows: slice) -> np.ndarray:
-        S = self._course.engine.factor[..., rows, :]
-        return np.sqrt((S * S).sum(-1))
+    def _seconds(self, time: Any) -> Any:
+        """A moment as the engine counts it; None for now."""
+        if time is None:
+            return None
+        return instant("time", time) if self._zero is None else seconds_since(self._zero, time)
+
+    def _dated(self, found: Estimate) -> Estimate:
+        """An estimate with its time as it was given."""
+        if self._zero is None:
+            return found
+        time = since(self._zero, found.stored_time).astype(np.int64)
+        return replace(found, stored_time=time, layout=found.layout._replace(dated=True))
 
     def _take(self, heard: Heard, dt: float | None, time: float | None) -> Innovation:
         said = self._course.take(heard, heard.u, dt, time)

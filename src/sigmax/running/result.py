@@ -4,170 +4,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import jax
-import jax.numpy as jnp
-import numpy as np
-from numpy.typing import ArrayLike
 
 from sigmax.errors import InputError
-from sigmax.models.checks import by_name, is_traced, numbers
 from sigmax.running.covariances import covariances
-from sigmax.running.layout import Layout
-from sigmax.running.step import Fault, Innovation
+from sigmax.running.smoothed import Smoothed
+from sigmax.running.step import Innovation
 from sigmax.running.weighing import weights
-from sigmax.spaces import errors
 
 # What a run can keep.
 PARTS = ("mean", "factor", "fault", "nis", "dof", "step_log_likelihood", "innovation", "modes")
 
 
 @jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Smoothed:
-    """Means and covariances over time; the batch, where there is one, comes first.
-
-    Arrays are NumPy arrays, or JAX arrays while being traced.
-    """
-
-    layout: Layout = field(metadata={"static": True})
-    stored_mean: Any = field(repr=False)
-    stored_factor: Any = field(repr=False)
-    stored_fault: Any = field(repr=False)
-    stored_modes: Any = field(repr=False)
-
-    def _out(self, a: Any, what: str) -> Any:
-        if a is None:
-            raise InputError(f"{what} was not kept; add it to keep= in run")
-        return a
-
-    @property
-    def state(self) -> tuple[str, ...]:
-        """Names of the components."""
-        return self.layout.state
-
-    @property
-    def mean(self) -> Any:
-        """Estimates (…, T, n)."""
-        return self._out(self.stored_mean, "mean")[..., self.layout.numbers[0]]
-
-    @property
-    def factor(self) -> Any:
-        """Lower factors S of the covariances, P = S Sᵀ (…, T, n, n)."""
-        at, _ = self.layout.deviations
-        rows = self._rows(at)
-        if not self.layout.bias_first:
-            return rows[..., at]
-        return self._triangle(rows)
-
-    def _array(self) -> Any:
-        return jnp if is_traced(self.stored_factor) else np
-
-    def _triangle(self, rows: Any) -> Any:
-        """The lower factor of A Aᵀ."""
-        upper = self._array().linalg.qr(rows.swapaxes(-1, -2), mode="r")
-        turn = self._array().where(self._array().einsum("...ii->...i", upper) < 0, -1.0, 1.0)
-        return (upper * turn[..., None]).swapaxes(-1, -2)
-
-    def _rows(self, rows: slice) -> Any:
-        """Rows A of the joint factor of state and bias: A Aᵀ is the covariance of these components."""
-        return self._out(self.stored_factor, "factor")[..., rows, :]
-
-    @property
-    def cov(self) -> Any:
-        """Covariances (…, T, n, n), computed when asked for."""
-        return self._covariance(self.layout.deviations[0])
-
-    def _covariance(self, rows: slice) -> Any:
-        # Of state and bias together, though one of them is asked for: the same sums in the same order as live.
-        return covariances(self._out(self.stored_factor, "factor"))[..., rows, rows]
-
-    @property
-    def std(self) -> Any:
-        """Standard deviations (…, T, n)."""
-        S = self._rows(self.layout.deviations[0])
-        return (S * S).sum(-1) ** 0.5
-
-    @property
-    def bias(self) -> tuple[str, ...]:
-        """Names of the components of the bias, none where the model has no bias."""
-        return self.layout.bias
-
-    @property
-    def bias_mean(self) -> Any:
-        """Estimates of the bias (…, T, p)."""
-        return self._out(self.stored_mean, "mean")[..., self.layout.numbers[1]]
-
-    @property
-    def bias_cov(self) -> Any:
-        """Their covariances (…, T, p, p)."""
-        return self._covariance(self.layout.deviations[1])
-
-    @property
-    def bias_std(self) -> Any:
-        """Standard deviations of the bias (…, T, p)."""
-        S = self._rows(self.layout.deviations[1])
-        return (S * S).sum(-1) ** 0.5
-
-    @property
-    def modes(self) -> tuple[str, ...]:
-        """Names of the modes, none where the model has but one."""
-        return self.layout.modes
-
-    @property
-    def probability(self) -> Any:
-        """Probabilities of the modes (…, T, M), in the order of `modes`."""
-        if not self.modes:
-            raise InputError("this model has no modes: see sigmax.imm")
-        return self._array().exp(self._out(self.stored_modes, "modes")[..., -len(self.modes) :])
-
-    def joint(self) -> tuple[Any, Any]:
-        """Means (…, T, n + p) and lower factors of state and bias together, the state first."""
-        mean, factor = self._out(self.stored_mean, "mean"), self._out(self.stored_factor, "factor")
-        if not self.layout.bias_first:
-            return mean, factor
-        p = len(self.layout.bias)
-        rows = self._array().concatenate([factor[..., p:, :], factor[..., :p, :]], -2)
-        return self._array().concatenate([mean[..., p:], mean[..., :p]], -1), self._triangle(rows)
-
-    def kept(self) -> tuple[Any, Any, Any, Any]:
-        """Means, factors, faults and modes of state and bias together, as an engine laid them out."""
-        modes = self._out(self.stored_modes, "modes") if self.modes else None
-        return self._out(self.stored_mean, "mean"), self._out(self.stored_factor, "factor"), self.fault, modes
-
-    @property
-    def fault(self) -> Any:
-        """Why a step was not sound, as numbers of `Fault` (…, T); 0 where it was."""
-        return self._out(self.stored_fault, "fault")
-
-    @property
-    def ok(self) -> Any:
-        """Whether each step was sound (…, T)."""
-        return self.fault == 0
-
-    def faults(self, limit: int = 10) -> list[str]:
-        """The first steps that were not sound, in words."""
-        places = np.argwhere(~self.ok)[:limit]
-        where = [f"track {p[0]}, step {p[1]}" if self.layout.batched else f"step {p[0]}" for p in places]
-        found = [Fault(int(self.fault[tuple(p)])) for p in places]
-        return [f"{w}: {fault.message}" for w, fault in zip(where, found, strict=True)]
-
-    def errors(self, truth: ArrayLike) -> Any:
-        """Mean − truth (…, T, d), angles in [-π, π]; truth of shape (T, n) or (…, T, n), NaN where unknown.
-
-        Of curved parts it is −(truth ⊟ mean), in the axes of the covariance.
-        A frame is taken by the names of its columns.
-
-        Raises:
-            InputError: for a truth of another shape or with other names.
-        """
-        value, mean = numbers("the truth", by_name("the truth", truth, self.state), missing=True), self.mean
-        if value.shape not in (mean.shape, mean.shape[-2:]):
-            shapes = " or ".join(map(str, dict.fromkeys((mean.shape[-2:], mean.shape))))
-            raise InputError(f"the truth must have the shape {shapes}, for {list(self.state)}; it has {value.shape}")
-        return errors(self.layout.space, mean, value)
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result(Smoothed):
     """Filtered estimates and what the measurements said; see `Smoothed` for the shapes."""
 
@@ -176,7 +25,6 @@ class Result(Smoothed):
     stored_log_likelihood: Any = field(repr=False)
     stored_count: Any = field(repr=False)
     stored_total: Any = field(repr=False)
-    stored_dt: Any = field(default=None, repr=False)
     stored_inputs: Any = field(default=None, repr=False)
 
     @property
@@ -210,11 +58,6 @@ class Result(Smoothed):
     def step_log_likelihood(self) -> Any:
         """Log-likelihood of each step (…, T)."""
         return self._out(self.stored_log_likelihood, "step_log_likelihood")
-
-    @property
-    def dt(self) -> Any:
-        """Seconds of each step (…, T), as the run took them: kept where mean, factor and fault are, for `smooth`."""
-        return self._out(self.stored_dt, "dt, which comes with mean, factor and fault,")
 
     @property
     def inputs(self) -> Any:

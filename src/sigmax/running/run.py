@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.errors import unknown
+from sigmax.errors import InputError, unknown
 from sigmax.filters import Bank, Filter
 from sigmax.models.checks import is_traced, strings
 from sigmax.models.gaussian import Gaussian
@@ -16,6 +16,7 @@ from sigmax.running.backend import attempt
 from sigmax.running.fusing import how, with_members
 from sigmax.running.prepare import Prepared, as_filter, prepare
 from sigmax.running.result import PARTS, Result
+from sigmax.running.times import Times, later, times_of
 from sigmax.running.updating import update_on
 
 
@@ -25,7 +26,9 @@ def run(
     prior: Gaussian,
     z: Any,
     *,
-    dt: Any = 1.0,
+    dt: Any = None,
+    t: Any = None,
+    t0: Any = None,
     inputs: Any = None,
     R: Any = None,
     update_first: bool = False,
@@ -42,7 +45,11 @@ def run(
         prior: the state one dt before the first measurement, or at it: see `update_first`.
         z: measurements (T, m), or (B, T, m) for B tracks at once; NaN is missing, whole or in part.
             A dict by sensor name where the model has several; they are corrected in its order.
-        dt: seconds since the step before: one number, (T,) or (B, T); timedeltas, too.
+        dt: seconds since the step before: one number, (T,) or (B, T); timedeltas, too. 1 without dt and t.
+        t: the times of the measurements in the place of dt, (T,) or (B, T): seconds, or instants, as lists, arrays, or
+            columns of pandas, polars and Arrow. Instants without a time zone are taken to be in UTC.
+        t0: the time of the prior, of the same kind: with t where it does not stand at the first measurement, with dt
+            so that the times of the result begin there.
         inputs: (T, k) or (B, T, k) for motions and sensors that take u.
         R: the noise of each measurement, if it is not the model's: variances (T, m) or covariances (T, m, m), with a
             batch in front or without; a dict by sensor name where the model has several, of those that have their own.
@@ -66,7 +73,8 @@ def run(
     for part in keep:
         if part not in PARTS:
             raise unknown("part of a result", part, PARTS)
-    ready = prepare(chosen, model, prior, z, dt, inputs, dtype, update_first, keep, R)
+    times = times_of(t, t0)
+    ready = prepare(chosen, model, prior, z, _steps(dt, t, times), inputs, dtype, update_first, keep, R)
     kept = frozenset(keep) | ({"dof"} if ready.fused is not None else set())
     traced = ready.captured or is_traced(ready)
     total, parts = attempt(
@@ -76,7 +84,8 @@ def run(
         lambda: xla_engine.filtered(kept, ready, traced),
     )
     each = () if isinstance(ready.filter, Bank) else ready.z
-    layout = ready.layout._replace(weights=tuple((s, update_on(ready.filter, ready.model, s).weight) for s in each))
+    named = ready.layout._replace(filter=chosen.name, dated=times is not None and times.dated)
+    layout = named._replace(weights=tuple((s, update_on(ready.filter, ready.model, s).weight) for s in each))
     if ready.fused is not None:
         total, parts = with_members(parts, total, ready.fused)
         layout = layout._replace(fusion=how(ready.filter, model))
@@ -92,7 +101,24 @@ def run(
         stored_count=parts.get("dof"),
         stored_total=total,
         **_steps_taken(ready, kept),
+        stored_time=None if times is None else _time(times, t is not None, ready),
     )
+
+
+def _steps(dt: Any, t: Any, times: Times | None) -> Any:
+    if t is None:
+        return 1.0 if dt is None else dt
+    if dt is not None:
+        raise InputError("dt and t both tell the time between steps: give one of them")
+    return times
+
+
+def _time(times: Times, whole: bool, ready: Prepared) -> Any:
+    """The times of all steps, of each track where there are tracks."""
+    value = times.value if whole else later(times, ready.dt)
+    array: Any = jnp if is_traced(value) else np
+    tracks = () if ready.batch is None else (ready.batch,)
+    return array.broadcast_to(value, (*tracks, ready.dt.shape[-1]))
 
 
 def _steps_taken(ready: Prepared, kept: Collection[str]) -> dict[str, Any]:

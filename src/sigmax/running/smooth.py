@@ -19,7 +19,9 @@ from sigmax.running.half_steps import back_steps
 from sigmax.running.layout import Layout
 from sigmax.running.packing import Packing
 from sigmax.running.prepare import as_filter, cast, laid_out_steps
-from sigmax.running.result import Result, Smoothed
+from sigmax.running.result import Result
+from sigmax.running.smoothed import Smoothed
+from sigmax.running.times import times_of
 from sigmax.running.xla_engine import batch_first, batch_last
 
 
@@ -29,6 +31,7 @@ def smooth(
     result: Result,
     *,
     dt: Any = None,
+    t: Any = None,
     inputs: Any = None,
     backend: str | None = None,
 ) -> Smoothed:
@@ -42,6 +45,7 @@ def smooth(
         model: the model of the run.
         result: what `run` gave, with mean, factor and fault kept, and modes where the model has several.
         dt: as given to the run, from which it is taken where it is left out; the first is not read.
+        t: the same.
         inputs: the same.
         backend: as in `run`.
 
@@ -49,7 +53,7 @@ def smooth(
         Smoothed estimates; where a step could not be smoothed, the filtered estimate and a fault.
 
     Raises:
-        InputError: where filter, model, dt or inputs are not those of the run, or a part of it was not kept.
+        InputError: where filter, model, dt, t or inputs are not those of the run, or a part of it was not kept.
     """
     model = current_model(model)
     if not isinstance(result, Result):
@@ -59,16 +63,18 @@ def smooth(
     dtype = kept[0].dtype
     _check_layout(model, result.layout, chosen.form.bias_first)
     steps = kept[0].shape[-2]
+    asked = times_of(t, None) if dt is None else dt
     elapsed, u = laid_out_steps(
-        model, result.dt if dt is None else dt, result.inputs if inputs is None else inputs, steps, dtype
+        model, result.dt if asked is None else asked, result.inputs if inputs is None else inputs, steps, dtype
     )
-    if dt is not None:
-        _check_same("dt", elapsed, result.stored_dt, 1)
+    if asked is not None:
+        _check_same("dt" if t is None else "t", elapsed, result.stored_dt, 1)
     if inputs is not None:
         _check_same("inputs", u, result.stored_inputs, 2)
     model = cast(augment(model, chosen.form.bias_first), dtype)
     traced = is_traced((kept, model, elapsed, u))
-    return Smoothed(result.layout, *backwards(chosen, model, kept, elapsed, u, result.layout.batched, traced, backend))
+    made = backwards(chosen, model, kept, elapsed, u, result.layout.batched, traced, backend)
+    return Smoothed(result.layout, *made, stored_dt=result.stored_dt, stored_time=result.stored_time)
 
 
 def backwards(

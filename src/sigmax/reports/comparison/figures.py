@@ -6,9 +6,9 @@ import numpy as np
 from scipy.stats import binom
 
 from sigmax.reports.figures.draw import INK, MUTED, TRUTH, Figure, colour, line, pale, plain, safe
-from sigmax.reports.thin import stride
 from sigmax.studies import Comparison, Measures
 from sigmax.studies.measures import claimed_density, histogram
+from sigmax.views.thin import stride
 
 _POINTS = 250
 _DASHES = ("solid", "dash", "dot", "dashdot")

@@ -4,8 +4,8 @@ import numpy as np
 
 from sigmax.records import Outcome, Record
 from sigmax.reports.figures.draw import INK, Figure, colour, pale, plain, result_of, safe, shown_in, time_title, times
-from sigmax.reports.thin import thin
 from sigmax.reports.told import told
+from sigmax.views.thin import thin
 
 
 def component_figure(record: Record, outcome: Outcome, track: int, index: int, points: int) -> Figure:

@@ -4,8 +4,8 @@ import numpy as np
 
 from sigmax.records import Record
 from sigmax.reports.figures.draw import Figure, colour, limit, line, moments, time_title
-from sigmax.reports.thin import thin
 from sigmax.running import Result
+from sigmax.views.thin import thin
 
 
 def modes_figure(record: Record, result: Result) -> Figure | None:

@@ -7,8 +7,8 @@ from scipy.special import chdtri
 
 from sigmax.records import Record
 from sigmax.reports.figures.draw import MUTED, Figure, Shown, colour, limit, line, moments, plain, result_of, time_title
-from sigmax.reports.thin import stride, thin
 from sigmax.reports.weighed import judged_nis
+from sigmax.views.thin import stride, thin
 
 
 def nis_figure(record: Record, ran: Sequence[Shown]) -> tuple[Figure, int] | None:

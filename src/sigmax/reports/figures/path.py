@@ -21,8 +21,8 @@ from sigmax.reports.figures.draw import (
     result_of,
     safe,
 )
-from sigmax.reports.thin import stride
 from sigmax.running import Result
+from sigmax.views.thin import stride
 
 _ELLIPSES = 36
 # Ellipses are drawn as polygons of so many points.

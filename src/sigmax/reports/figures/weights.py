@@ -6,8 +6,8 @@ import numpy as np
 
 from sigmax.records import Record
 from sigmax.reports.figures.draw import Figure, Shown, colour, limit, line, moments, result_of, time_title
-from sigmax.reports.thin import thin
 from sigmax.reports.weighed import least_weights
+from sigmax.views.thin import thin
 
 
 def weights_figure(record: Record, ran: Sequence[Shown]) -> Figure | None:

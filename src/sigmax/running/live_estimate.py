@@ -1,0 +1,113 @@
+"""What a live filter knows now."""
+
+from typing import Any
+
+import numpy as np
+
+from sigmax.errors import InputError
+from sigmax.filters import Filter
+from sigmax.models.model import Model
+from sigmax.models.switching import SwitchingModel
+from sigmax.running.course import Course
+from sigmax.running.layout import Layout
+from sigmax.running.live_native import NativeState
+from sigmax.running.presentation import estimates, probabilities
+from sigmax.running.step import Fault
+from sigmax.running.times import since
+from sigmax.views import words
+
+
+class LiveEstimate:
+    """The estimate of a live filter, to be read between its calls."""
+
+    filter: Filter
+    model: Model
+    layout: Layout
+    _course: Course
+    _zero: int | None
+    _batched: bool
+    _biased: bool
+    _numbers: tuple[slice, slice]
+    _deviations: tuple[slice, slice]
+
+    @property
+    def engine(self) -> str:
+        """What computes its steps: "native", or "xla" where the C compiler could not compile them."""
+        return "native" if isinstance(self._course.engine, NativeState) else "xla"
+
+    @property
+    def time(self) -> Any:
+        """What time it is, that of the latest step: seconds, or datetime64 in UTC where the prior has an instant."""
+        return since(self._zero, self._course.time)
+
+    @property
+    def mean(self) -> np.ndarray:
+        """The estimate (n,) or (B, n)."""
+        mean = self._course.still.read_mean()
+        return mean[..., self._numbers[0]] if self._biased else mean
+
+    @property
+    def bias_mean(self) -> np.ndarray:
+        """The estimate of the bias (p,) or (B, p)."""
+        return self._course.engine.read_mean()[..., self._numbers[1]]
+
+    @property
+    def bias_cov(self) -> np.ndarray:
+        """Its covariance (p, p) or (B, p, p)."""
+        return self._course.engine.read_cov()[..., self._deviations[1], self._deviations[1]]
+
+    @property
+    def bias_std(self) -> np.ndarray:
+        """Its standard deviations (p,) or (B, p)."""
+        return self._root_of_squares(self._deviations[1])
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Its covariance (n, n) or (B, n, n)."""
+        cov = self._course.still.read_cov()
+        return cov[..., self._deviations[0], self._deviations[0]] if self._biased else cov
+
+    @property
+    def std(self) -> np.ndarray:
+        """Its standard deviations (n,) or (B, n)."""
+        return self._root_of_squares(self._deviations[0])
+
+    @property
+    def probability(self) -> np.ndarray:
+        """Probabilities of the modes (M,) or (B, M), in the order of the model's."""
+        if not isinstance(self.model, SwitchingModel):
+            raise InputError("this model has no modes: see sigmax.imm")
+        return np.exp(np.asarray(self.belief.log_weight)).T
+
+    @property
+    def belief(self) -> Any:
+        """Mean and factor of state and bias together, batch last."""
+        return self._course.still.belief
+
+    @property
+    def ok(self) -> Any:
+        """Whether the last call was sound: a bool, or one for each track."""
+        fault = self._course.engine.fault
+        return np.asarray(fault) == 0 if self._batched else not fault.any()
+
+    @property
+    def fault(self) -> Any:
+        """Why it was not: a `Fault`, or a list of one for each track."""
+        found = [Fault(int(f)) for f in np.ravel(self._course.engine.fault)]
+        return found if self._batched else found[0]
+
+    def _root_of_squares(self, rows: slice) -> np.ndarray:
+        S = self._course.engine.factor[..., rows, :]
+        return np.sqrt((S * S).sum(-1))
+
+    def __repr__(self) -> str:
+        title = f"Live {self.filter.name}, {self.engine} engine"
+        if self._course.busy:
+            return f"{title}, in use by another thread"
+        first = (0,) if self._batched else ()
+        mean, S = self._course.engine.read_mean(), self._course.engine.factor[first]
+        rows = [("time", str(self.time) if self._zero is not None else f"{self.time:g} s")]
+        rows += [("tracks", f"{len(mean):,}, the first:")] if self._batched else []
+        rows += [probabilities(self.layout.modes, self.probability[first])] if self.layout.modes else []
+        rows += estimates(self.layout, mean[first], np.sqrt((S * S).sum(-1)))
+        return words.text(title, rows)
