@@ -163,8 +163,7 @@ class Course:
         steps = self._window.since(reach(self.time, self._lag, -1))
         if not steps:
             return None
-        about = self._filter, self._model, self._layout, steps, self._backend
-        found: Estimate = self.do(lambda engine: smoothed(engine, *about))
+        found: Estimate = self.do(lambda engine: smoothed(engine, self._layout, steps))
         return found
 
     def expected(self, sensor: str, *given: Any) -> Innovation:

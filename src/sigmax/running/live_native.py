@@ -12,7 +12,7 @@ from sigmax.native.calls import ready
 from sigmax.native.driver import Squares, pointer
 from sigmax.running.job import bind, empty_innovation, one_step, record
 from sigmax.running.lowered import Lowered, lowered
-from sigmax.running.native_engine import started
+from sigmax.running.native_engine import smoother, started
 from sigmax.running.step import Belief, Innovation
 
 # A step of more numbers than this takes some ten microseconds: long enough to let other threads run.
@@ -45,6 +45,7 @@ class NativeState:
         self.rows = started(low, model, mean, cov, len(mean) if self._batched else 1)
         self.fault = np.zeros(len(self.rows), np.int8)
         self._calls: dict[Any, Callable[..., Any]] = {}
+        self._smoothers: dict[int, Callable[..., tuple[Any, ...]]] = {}
         tracks = slice(None) if self._batched else 0
         points, n, _ = self.packing
         self.read_mean = ready(None, None, len(self.rows), (), (self.rows[tracks, :points],), kept=self.rows)
@@ -88,6 +89,13 @@ class NativeState:
         parts = rows[..., : self.packing.points], S.reshape(*rows.shape[:2], n, n), rows[..., self.packing.head :]
         mean, factor, rest = parts if self._batched else (a[0] for a in parts)
         return mean, factor, rest if self.packing.members else None
+
+    def backwards(self, kept: Any, dt: np.ndarray, u: np.ndarray | None) -> tuple[Any, ...]:
+        """Means, factors, faults and the rest of several steps, smoothed, laid out as they are kept."""
+        inputs = 0 if u is None else u.shape[-1]
+        if inputs not in self._smoothers:
+            self._smoothers[inputs] = smoother(self.filter, self.model, inputs, self.dtype)
+        return self._smoothers[inputs](kept, dt, u)
 
     @property
     def factor(self) -> np.ndarray:

@@ -16,7 +16,8 @@ from sigmax.running.advance import Advanced, Instant, advance
 from sigmax.running.covariances import covariances
 from sigmax.running.half_steps import half_steps
 from sigmax.running.packing import Packing
-from sigmax.running.step import Innovation
+from sigmax.running.smooth import backwards
+from sigmax.running.step import Fault, Innovation
 from sigmax.running.xla_engine import batch_first, batch_last
 
 
@@ -79,6 +80,16 @@ class XlaState:
         mean, factor, *rest = (np.moveaxis(a, -1, 0) if self.belief.mean.ndim == 2 else a for a in stacked)
         return mean, factor, rest[0] if rest else None
 
+    def backwards(self, kept: Any, dt: np.ndarray, u: np.ndarray | None) -> tuple[Any, ...]:
+        """See `NativeState`. Compiled for powers of two: where the motion failed, a smoothed step is the next one."""
+        mean, factor, fault, rest = kept
+        more = (1 << (len(dt) - 1).bit_length()) - len(dt)
+        mean, factor, rest, u = (_longer(a, more, core) for a, core in ((mean, 1), (factor, 2), (rest, 1), (u, 1)))
+        ends = ((0, 0),) * (fault.ndim - 1) + ((0, more),)
+        longer = mean, factor, np.pad(fault, ends, constant_values=int(Fault.MOTION_NOT_FINITE)), rest
+        batched = self.belief.mean.ndim == 2
+        return backwards(self.filter, self.model, longer, np.pad(dt, (0, more)), u, batched, False, "xla")
+
     def put(self, belief: Any, fault: Any) -> None:
         """Take up another belief, and the faults of the tracks."""
         self.belief = jax.tree.map(jnp.asarray, belief)
@@ -113,6 +124,13 @@ class XlaState:
     def _told(self, told: Innovation) -> Innovation:
         laid = map(batch_first, told) if self.belief.mean.ndim == 2 else told
         return Innovation(*map(np.asarray, laid))
+
+
+def _longer(a: Any, more: int, core: int) -> Any:
+    """An array with its last step repeated."""
+    if a is None:
+        return None
+    return np.concatenate([a, np.repeat(np.take(a, [-1], -1 - core), more, -1 - core)], -1 - core)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -1,6 +1,7 @@
 """Records through steps compiled for this machine: many tracks side by side in the lanes of a core."""
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -92,16 +93,20 @@ def _kept(out: job.Outputs, batched: bool) -> tuple[Any, dict[str, Any]]:
     return kept.pop("total"), kept
 
 
-def smoothed(filter: Filter, model: Model, kept: tuple[Any, ...], dt: Any, u: Any) -> tuple[Any, ...]:
-    """Smoothed means, factors, faults and the rest, laid out as the filtered ones.
+def smoother(filter: Filter, model: Model, inputs: int, dtype: Any) -> Callable[..., tuple[Any, ...]]:
+    """A function of what was kept, dt and u: smoothed means, factors, faults and the rest, laid out as the filtered.
 
     Raises:
         Refused: for a model or filter that cannot be lowered.
         Unavailable: without a compiler, or where it fails.
     """
-    dtype = kept[0].dtype
-    low = lowered(filter, model, 0 if u is None else u.shape[-1], dtype)
+    low = lowered(filter, model, inputs, dtype)
     (back,) = job.bind(low, model, ("back",)).values()
+    return partial(_smoothed, low, back)
+
+
+def _smoothed(low: Lowered, back: job.BoundStep, kept: tuple[Any, ...], dt: Any, u: Any) -> tuple[Any, ...]:
+    dtype = kept[0].dtype
     mean, factor, fault = (np.ascontiguousarray(a, dtype) for a in kept[:3])
     rest = None if kept[3] is None else np.ascontiguousarray(kept[3])
     behind = None if rest is None else np.empty_like(rest)

@@ -93,9 +93,10 @@ def backwards(
         )
         return jax.tree.map(batch_first if batched else jnp.asarray if traced else np.asarray, made)
 
-    made: tuple[Any, Any, Any, Any] = attempt(
-        backend, traced, lambda: native_engine.smoothed(filter, model, kept, dt, u), with_xla
-    )
+    def natively() -> Any:
+        return native_engine.smoother(filter, model, 0 if u is None else u.shape[-1], kept[0].dtype)(kept, dt, u)
+
+    made: tuple[Any, Any, Any, Any] = attempt(backend, traced, natively, with_xla)
     return made
 
 
