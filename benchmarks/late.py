@@ -148,7 +148,7 @@ def measured(rounds: int) -> Section:
             (entry.name, f"{1e6 * np.median(own):.1f}", f"{np.median(own / first):.1f}", f"{off[entry.name]:.0e}")
         )
     return Section(
-        "What it costs",
+        "Late data and a fixed lag",
         f"Four states, positions ten times a second, {STEPS} of them, making the filter included; medians of {rounds} "
         "rounds. The last column: the largest difference from `run` or `smooth` over the record in order.",
         ("", "µs a measurement", "× steps, no times", "off by"),
