@@ -16,9 +16,10 @@ import sigmax
 from sigmax.models import part
 from sigmax.models.components import components
 from sigmax.models.units import units_of
-from sigmax.running import Result, Smoothed
+from sigmax.running import Fit, Result, Smoothed
 from sigmax.running.layout import Layout
 from sigmax.spaces import SPACES
+from sigmax.studies import Comparison
 from tests.laws.test_curved import identity
 
 T0 = np.datetime64("2024-02-28T23:59:58.123456789")
@@ -158,7 +159,7 @@ def test_bands_of_numbers_are_their_deviations_to_first_order(name):
 @pytest.mark.parametrize("name", SPACES)
 @pytest.mark.parametrize("library", ["plotly", "matplotlib"])
 def test_every_result_can_be_drawn(name, library):
-    for r in list(variants(name))[:: 3 if library == "plotly" else 6]:
+    for r in list(variants(name))[::5]:
         figure = r.plot(library=library, track=r.layout.batched * 2)
         if library == "plotly":
             lines = {d.y.tobytes() for d in figure.data}
@@ -258,3 +259,111 @@ def test_what_cannot_be_shown_is_refused_in_words(monkeypatch):
     with monkeypatch.context() as m:
         m.setitem(__import__("sys").modules, "matplotlib.figure", None)
         assert "pip install matplotlib" in r._repr_html_()
+
+
+# Compilers take seconds for each.
+QUICK, MORE = ("SRCKFB", "EKF(update=student)"), ("UKF(members=5)", *sigmax.names())
+
+
+def by_name(name):
+    stem, _, option = name.removesuffix(")").partition("(")
+    return sigmax.get(stem, **({"members": 5} if "members" in option else {"update": "student"} if option else {}))
+
+
+def runs(name):
+    """Results of a filter on a record with gaps, a step that fails, unequal steps, with a bias or modes."""
+    filter, rng = by_name(name), np.random.default_rng(0)
+    step, cv = sigmax.motions.constant_velocity(), sigmax.sensors.position()
+    more = {"bias": sigmax.Bias(sensor=np.eye(2), prior=sigmax.Gaussian([0.0, 0.0], [4.0, 4.0]))}
+    prior, z = sigmax.Gaussian([0.0, 0.0, 1.0, -1.0], [9.0, 9.0, 1.0, 1.0]), rng.normal(size=(2, 9, 2)) * 3
+    z[:, 3], z[1, 5, 0], z[0, 7] = np.nan, np.nan, np.inf
+    biased = name.startswith(("TS", "MTS"))
+    model = sigmax.Model(motion=step, sensor=cv, Q=step.noise(0.1), R=[4.0, 4.0], **(more if biased else {}))
+    for given in (z[0], z):
+        yield model, sigmax.run(filter, model, prior, given, t=T0 + np.arange(9) ** 2 * np.timedelta64(1, "s"), t0=T0)
+    if name == "SRCKFB":
+        both = {
+            "range": sigmax.sensors.range_only(origin=(50.0, 0.0)),
+            "bearing": sigmax.sensors.bearing(origin=(0.0, 60.0)),
+        }
+        model = sigmax.Model(motion=step, sensor=both, Q=step.noise(0.1), R={"range": [4.0], "bearing": [0.01]})
+        heard = {"range": 50 + z[0, :, :1], "bearing": z[0, :, 1:] / 30}
+        yield model, sigmax.run(filter, model, prior, heard, dt=rng.uniform(0.1, 2, 9), dtype="float32")
+        calm = sigmax.Model(motion=step, sensor=cv, Q=step.noise(0.01), R=[4.0, 4.0])
+        wild = sigmax.Model(motion=step, sensor=cv, Q=step.noise(9.0), R=[4.0, 4.0])
+        model = sigmax.imm({"calm": calm, "wild": wild}, sojourn=[30, 10])
+        yield model, sigmax.run(filter, model, prior, z)
+
+
+@pytest.mark.parametrize(
+    "name", [*QUICK, *(pytest.param(n, marks=pytest.mark.slow) for n in MORE if n not in QUICK and n != "KF")]
+)
+def test_what_runs_leave_is_shown_as_it_is(name):
+    for model, r in runs(name):
+        again = sigmax.smooth(by_name(name), model, r)
+        for one in (r, again):
+            f, kind = one.to_frame(), type(one).__name__
+            std = np.sqrt(np.einsum("...ii->...i", flat(one.cov, one)))
+            for i, n in enumerate(one.state):
+                np.testing.assert_array_equal(f[n], flat(one.mean, one)[:, i])
+                np.testing.assert_allclose(f[f"{n}_std"], std[:, i], rtol=1e-5)
+                assert f.attrs["units"][n] == ("m" if i < 2 else "m/s")
+            for k, mode in enumerate(one.modes):
+                np.testing.assert_array_equal(f[f"probability_{mode}"], flat(one.probability, one)[:, k])
+            np.testing.assert_array_equal(f.index.get_level_values("time"), flat(one.time, one))
+            first, *lines = repr(one).splitlines()
+            said = dict(re.split(r"  +", line.strip(), maxsplit=1) for line in lines)
+            assert first.startswith(f"{kind} of {name.split('(')[0]}")
+            assert said["faults"].startswith("none" if one.ok.all() else f"{(one.fault != 0).sum()} step")
+            assert ("honest" in said.get("NIS", "")) == (kind == "Result" and not one.modes and "(" not in name)
+            assert len(one.plot(track=0).data) >= 3 * len(one.state)
+            assert one._repr_html_().count("<img") == 1
+
+
+@pytest.mark.parametrize("name", sigmax.names())
+def test_filters_say_what_they_are_made_of(name):
+    shown = repr(sigmax.get(name))
+    assert shown.startswith(f"{name}: prediction ")
+    assert "form " in shown
+
+
+def test_models_priors_and_fits_say_what_they_are():
+    s = sigmax.builtin("radar-ct")
+    assert repr(s.model) == (
+        "Model(state (north [m], east [m], speed [m/s], course [rad], turn_rate [rad/s]); "
+        "sensor (range, azimuth [rad], radial_velocity))"
+    )
+    P = np.array([[4.0, 0.1], [0.1, 0.01]])
+    assert repr(sigmax.Gaussian([10.0, 3.0], P)) == "Gaussian(10.0 ± 2.0, 3.00 ± 0.10, correlated)"
+    assert repr(sigmax.Gaussian(np.ones((3, 1)), [4.0])) == "Gaussian(3 tracks, the first: 1.0 ± 2.0)"
+    assert repr(sigmax.Gaussian([1.0, 0, 0, 0], np.eye(3))).startswith("Gaussian(1, 0, 0, 0; deviations ± 1")
+    jax.jit(lambda x: repr(sigmax.Gaussian(x, np.eye(2))) and x)(np.zeros(2))
+    fit = Fit(
+        {"q": np.array(0.5), "r": np.array([1.0, 2.0])},
+        {"q": np.array(0.1), "r": np.array([0.2, np.nan])},
+        -3.5,
+        True,
+        "",
+        7,
+    )
+    assert repr(fit).splitlines()[1:3] == ["  q               0.50 ± 0.10", "  r               1.00 ± 0.20, 2 ± nan"]
+    study = sigmax.studies.load_studies("single-beacon")[0]
+    none = Comparison(
+        study, 1, 10, {"EKF": sigmax.get("EKF")}, 0, {}, {"EKF": "no"}, {}, None, {}, None, None, "", {}, 0.0
+    )
+    assert "EKF         could not be run: no" in repr(none)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"units": {"z": "m"}}, "unknown component 'z'"),
+        ({"units": {"x": 3}}, "the unit of 'x' must be text"),
+        ({"units": ["m"]}, "texts by name"),
+    ],
+)
+def test_units_are_checked(given, said):
+    with pytest.raises(sigmax.InputError, match=said):
+        sigmax.Model(
+            motion=sigmax.motions.unicycle(), sensor=sigmax.sensors.position(), Q=np.ones(3), R=[1.0, 1.0], **given
+        )

@@ -9,7 +9,7 @@ from sigmax.filters.filter import Filter, ModeFilters
 _FEWEST_KEPT, _FEWEST, _MOST = 3, 5, 31
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Bank(Filter):
     """A Gaussian sum filter: members that share a belief among them; its parts are those of each member.
 

@@ -11,7 +11,7 @@ from sigmax.rules.linearization import Rule
 from sigmax.rules.marginal import Marginal
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Filter:
     """A member of the Kalman family.
 
@@ -59,8 +59,12 @@ class Filter:
     def __str__(self) -> str:
         return self.name
 
+    def __repr__(self) -> str:
+        update = f", update {self.update}" if self.update is not None else ""
+        return f"{self.name}: prediction {self.predict}, correction {self.correct}, form {self.form.name}{update}"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class ModeFilters(Filter):
     """The filters of the modes of a switching model, in their order; its own parts are those of the first.
 

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.checks import enough_memory, finite, numbers, own, symmetric_semidefinite
+from sigmax.models.checks import enough_memory, finite, is_traced, numbers, own, symmetric_semidefinite
+from sigmax.views.words import measured, spread
 
 
 @jax.tree_util.register_pytree_node_class
@@ -62,7 +63,17 @@ class Gaussian:
         return self.cov.shape[-1]
 
     def __repr__(self) -> str:
-        return f"Gaussian(mean={self.mean!r}, cov={self.cov!r})"
+        if not all(isinstance(a, np.ndarray | jax.Array) and not is_traced(a) for a in (self.mean, self.cov)):
+            return f"Gaussian({self.mean}, {self.cov})"
+        mean, P = np.atleast_2d(np.asarray(self.mean))[0], np.asarray(self.cov)
+        P = P[0] if P.ndim == 3 else P
+        tracks = f"{len(self.mean):,} tracks, the first: " if self.mean.ndim == 2 else ""
+        std = np.sqrt(np.diag(P))
+        # Of curved parts there are fewer deviations than numbers.
+        alike = len(std) == len(mean)
+        numbers = ", ".join(measured(float(m), float(std[i]) if alike else None) for i, m in enumerate(mean))
+        apart = "" if alike else f"; deviations {', '.join(spread(float(s)) for s in std)}"
+        return f"Gaussian({tracks}{numbers}{apart}{', correlated' if (np.diag(np.diag(P)) != P).any() else ''})"
 
     def tree_flatten(self) -> tuple[tuple[Any, Any], None]:
         """For JAX."""

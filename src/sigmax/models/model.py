@@ -12,7 +12,7 @@ from sigmax.models.components import Components, by_sensor, components, measured
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, noise, takes
 from sigmax.models.parts import Motion, Sensor
-from sigmax.models.units import Units, units_of
+from sigmax.models.units import Units, named, units_of
 from sigmax.spaces import Flat, Space
 
 
@@ -189,8 +189,13 @@ class Model:
         return self.measured_space(sensor, size).periodic
 
     def __repr__(self) -> str:
-        seen = ", ".join(s for s in self.sensors if s) or "one sensor"
-        return f"Model(state={self.state}, {seen})"
+        parts = [f"state {named(self.components.numbers, self.units)}"]
+        parts += [
+            f"{s or 'sensor'} {'of unnamed components' if names is None else named(names)}"
+            for s, names in self.measurement.items()
+        ]
+        parts += [] if self.bias is None else [f"bias {named(self.bias.names, self.units)}"]
+        return f"Model({'; '.join(parts)})"
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """For JAX: noises given as numbers are data, everything else tells one model from another."""

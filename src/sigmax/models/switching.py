@@ -130,7 +130,7 @@ class SwitchingModel(Model):
         return jnp.where(dt > 0, P / P.sum(1)[:, None], stay)
 
     def __repr__(self) -> str:
-        return f"imm({', '.join(f'{name}: {model!r}' for name, model in self.modes.items())})"
+        return f"imm({'; '.join(f'{name}: {model!r}' for name, model in self.modes.items())})"
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """For JAX: the models' noises, probabilities and entries are data."""

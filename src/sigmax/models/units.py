@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from sigmax.errors import InputError, unknown
-from sigmax.models.components import Components
+from sigmax.models.components import Components, angle
 from sigmax.spaces import Flat
 
 Units = tuple[tuple[str, str], ...]
@@ -31,6 +31,13 @@ def units_of(
             raise InputError(f"the unit of {name!r} must be text such as 'm/s'; it is {unit!r}")
         found[name] = unit
     return tuple((str(name), unit) for name, unit in found.items())
+
+
+def named(names: Sequence[str], units: Units = ()) -> str:
+    """Names with their units, angles marked where no unit tells."""
+    known = dict(units)
+    said = [f"{n} [{u}]" if (u := known.get(n, "rad" if isinstance(n, angle) else "")) else str(n) for n in names]
+    return f"({', '.join(said)})"
 
 
 def _angles(own: Components) -> dict[str, Any]:

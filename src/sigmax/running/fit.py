@@ -20,6 +20,7 @@ from sigmax.native.refusal import user_line
 from sigmax.running.current import current
 from sigmax.running.prepare import as_filter, prepare
 from sigmax.running.run import run
+from sigmax.views import words
 
 Parameters = dict[str, Any]
 
@@ -42,6 +43,15 @@ class Fit(NamedTuple):
     converged: bool
     message: str
     evaluations: int
+
+    def __repr__(self) -> str:
+        rows = []
+        for name, value in self.parameters.items():
+            best, std = np.ravel(value), np.ravel(self.std[name])
+            said = [words.measured(float(v), float(s)) for v, s in zip(best, std, strict=True)]
+            rows.append((name, ", ".join(said)))
+        rows += [("log-likelihood", f"{self.log_likelihood:,.6g}"), ("evaluations", f"{self.evaluations:,}")]
+        return words.text("Fit" if self.converged else f"Fit that did not converge: {self.message}", rows)
 
 
 def fit(

@@ -9,6 +9,7 @@ from sigmax.studies.cost import Cost
 from sigmax.studies.measures import Measures
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Sums, Yardsticks
+from sigmax.views import words
 
 
 class Optimum(NamedTuple):
@@ -67,3 +68,17 @@ class Comparison(NamedTuple):
     prepared: dict[str, float]
     seconds: float
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        names, units = self.study.model.state, self.study.units
+        named = [f"{n} [{u}]" if u else str(n) for n, u in zip(names, (*units, *[""] * len(names)), strict=False)]
+        rows = [("RMSE, last", f"{', '.join(named)}; NEES of {self.study.model.dim} expected")]
+        for name in self.filters:
+            found = self.measures.get(name)
+            if found is None:
+                rows.append((name, f"could not be run: {self.failures.get(name, '')}"))
+                continue
+            rmse = ", ".join(f"{v:.4g}" for v in found.rmse.value[-1])
+            rows.append((name, f"{rmse}; NEES {found.nees.value[-1]:.3g}, lost {float(found.lost['all'].value):.2%}"))
+        title = f"Comparison of {words.counted(len(self.filters), 'filter')} on {self.study.name}"
+        return words.text(f"{title}: {words.counted(self.runs, 'run')}", rows)
