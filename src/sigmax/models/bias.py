@@ -10,6 +10,7 @@ from sigmax.errors import InputError, unknown
 from sigmax.models.checks import finite, is_traced, numbers, own, strings
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, noise, takes
+from sigmax.tracing import traceable
 
 
 class Bias:
@@ -105,7 +106,7 @@ def coefficients(what: str, given: Any, p: int, allowed: tuple[int, ...]) -> Any
         return None
     if callable(given):
         takes(given, what, allowed)
-        return given
+        return traceable(given)
     value = own(numbers(what, given))
     if value.ndim == 1 and p == 1:
         value = value[:, None]

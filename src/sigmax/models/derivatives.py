@@ -7,6 +7,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from sigmax.tracing import traceable
+
 
 def with_derivatives(function: Callable[..., Any], jacobian: Callable[..., Any]) -> Callable[..., Any]:
     """`function(x, ...)` with the Jacobian the user gives, `jacobian(x, ...)` (m, n), in x (n,).
@@ -14,6 +16,7 @@ def with_derivatives(function: Callable[..., Any], jacobian: Callable[..., Any])
     Every rule then uses it; second derivatives are those of `jacobian`. The other arguments
     are taken as constants in derivatives.
     """
+    function, jacobian = traceable(function), traceable(jacobian)
 
     @jax.custom_jvp
     def wrapped(*arguments: Any) -> jax.Array:

@@ -11,6 +11,7 @@ from sigmax.filters import Filter, get
 from sigmax.models.checks import is_traced, numbers
 from sigmax.models.model import Model
 from sigmax.models.switching import Entries, Rates, SwitchingModel, parts_by_name
+from sigmax.tracing import traceable
 
 
 def imm(
@@ -53,6 +54,7 @@ def imm(
     elif transition is None:
         transition, settled = np.eye(M), np.full(M, 1 / M)
     elif callable(transition):
+        transition = traceable(transition)
         # What a function of dt gives is seen at a second.
         settled = _settled(_stochastic("transition(1.0)", numbers("transition(1.0)", transition(jnp.asarray(1.0))), M))
     else:

@@ -14,6 +14,7 @@ from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, noise, takes
 from sigmax.models.parts import Motion, Sensor
 from sigmax.models.units import Units, named, units_of
 from sigmax.spaces import Flat, Space
+from sigmax.tracing import traceable
 
 
 @jax.tree_util.register_pytree_node_class
@@ -60,8 +61,8 @@ class Model:
         if isinstance(motion, Motion):
             state = motion.state if state is None else state
             known = dict(zip(motion.state, motion.units, strict=False))
-        self.motion: Callable[..., Any] = motion.function if isinstance(motion, Motion) else motion
-        self.domain = domain
+        self.motion: Callable[..., Any] = traceable(motion.function if isinstance(motion, Motion) else motion)
+        self.domain = traceable(domain)
         self.several = isinstance(sensor, Mapping)
         parts = dict(sensor) if isinstance(sensor, Mapping) else {"": sensor}
         inputs = {part.inputs for part in (motion, *parts.values()) if isinstance(part, Motion | Sensor)} - {()}
@@ -70,7 +71,7 @@ class Model:
         if not parts:
             raise InputError("a model needs at least one sensor; the dict given is empty")
         self.sensors: dict[str, Callable[..., Any]] = {
-            s: part.function if isinstance(part, Sensor) else part for s, part in parts.items()
+            s: traceable(part.function if isinstance(part, Sensor) else part) for s, part in parts.items()
         }
         for what, function in (("motion", self.motion), *self.sensors.items()):
             if not callable(function):

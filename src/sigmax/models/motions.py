@@ -14,6 +14,7 @@ from sigmax.models.noise import arrays_of, on_diagonal, squares, takes
 from sigmax.models.parts import Motion, made_once
 from sigmax.models.quadratic import quadratic_function
 from sigmax.models.smooth import cosc, decay, decay2, sinc
+from sigmax.tracing import traceable
 
 # Of a position and its derivatives.
 _LEVELS = ("m", "m/s", "m/s²")
@@ -181,10 +182,10 @@ def join(first: Motion, second: Motion) -> Motion:
     belong to the first.
     """
     k = len(first.state)
-    driven = bool(first.inputs)
+    one, other = traceable(first.function), traceable(second.function)
 
     def function(x: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
-        return jnp.concatenate([first.function(x[:k], dt, *u), second.function(x[k:], dt)])
+        return jnp.concatenate([one(x[:k], dt, *u), other(x[k:], dt)])
 
     def with_inputs(x: jax.Array, dt: jax.Array, u: jax.Array) -> jax.Array:
         return function(x, dt, u)
@@ -201,15 +202,15 @@ def join(first: Motion, second: Motion) -> Motion:
 
         return Q
 
-    joined = with_inputs if driven else without_inputs
     units = [unit for part in (first, second) for unit in part.units or ("",) * len(part.state)]
+    joined = with_inputs if first.inputs else without_inputs
     return Motion(joined, (*first.state, *second.state), noise, first.inputs, tuple(units))
 
 
 def _interval(Q: Any, dt: jax.Array) -> jax.Array:
     if callable(Q):
         takes(Q, "Q of a joined motion", (1,))
-        return Q(dt)
+        return traceable(Q)(dt)
     return jnp.diag(jnp.asarray(Q)) * dt if np.ndim(Q) == 1 else jnp.asarray(Q) * dt
 
 

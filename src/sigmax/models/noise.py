@@ -11,6 +11,7 @@ import numpy as np
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced, numbers, own, symmetric_semidefinite
+from sigmax.tracing import Traceable, traceable
 
 Noise = Any  # an array, a Diagonal of variances, or a function that gives either
 
@@ -21,6 +22,8 @@ OF_SENSOR = (1, 2)
 
 def signature(function: Callable[..., Any]) -> inspect.Signature:
     """Of a function or of an object that can be called, which is never compared with anything."""
+    if isinstance(function, Traceable):
+        function = function.function
     call = type(function).__call__
     says_itself = hasattr(function, "__wrapped__") or hasattr(function, "__signature__")
     if isinstance(call, types.FunctionType) and not says_itself:
@@ -78,7 +81,7 @@ def noise(label: str, given: Any, components: Sequence[str] | None, allowed: tup
         return given
     if callable(given):
         takes(given, label, allowed)
-        return given
+        return traceable(given)
     value = own(numbers(label, given))
     n = len(components) if components is not None else value.shape[-1]
     if value.ndim == 0 and n == 1:

@@ -11,6 +11,7 @@ from sigmax.errors import InputError, unknown
 from sigmax.models.checks import numbers
 from sigmax.models.noise import squares
 from sigmax.models.parts import Motion, Sensor, made_once
+from sigmax.tracing import traceable
 
 METHODS = ("bilinear", "bicubic")
 
@@ -134,6 +135,7 @@ def radio_altimeter(ground: Any) -> Sensor:
     correction is a fault, and the state stays as it was predicted. Over flat ground the correction tells
     the height alone.
     """
+    ground = traceable(ground)
 
     def function(x: jax.Array, u: jax.Array) -> jax.Array:
         return jnp.stack([u[0] + x[0] - ground(u[1] + x[5], u[2] + x[6])])

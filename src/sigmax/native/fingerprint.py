@@ -34,8 +34,8 @@ _LOOKS_ABROAD = {
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis))
 _COLLECTIONS = (tuple, list, dict, frozenset, types.MappingProxyType, collections.OrderedDict)
 # Attributes that functools.wraps copies, of which nothing is computed.
-# And how a ready-made part was made, and which it has made so far.
-FOR_READERS = ("__annotations__", "__doc__", "__type_params__", "_made_by", "_parts_made")
+# And how a ready-made part was made, which it has made so far, and which way a function is traced.
+FOR_READERS = ("__annotations__", "__doc__", "__type_params__", "_made_by", "_parts_made", "_way")
 # What changes how JAX traces.
 _SETTINGS = ("enable_x64", "numpy_dtype_promotion", "default_dtype_bits", "default_matmul_precision")
 

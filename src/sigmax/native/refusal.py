@@ -69,9 +69,18 @@ def line_of(equation: Any) -> str:
     return ""
 
 
+def line_here() -> str:
+    """The innermost line outside the libraries that is being run, or nothing."""
+    return _innermost(traceback.extract_stack())
+
+
 def user_line(error: BaseException) -> str:
     """The innermost line outside the libraries that an exception passed, or nothing."""
-    for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        if _is_users(frame.filename):
-            return f"{Path(frame.filename).name}, line {frame.lineno}, in {frame.name}"
-    return ""
+    return _innermost(traceback.extract_tb(error.__traceback__))
+
+
+def _innermost(frames: traceback.StackSummary) -> str:
+    users = [frame for frame in reversed(frames) if _is_users(frame.filename)]
+    # What is installed is not the user's to mend.
+    own = [frame for frame in users if "-packages" not in frame.filename] or users
+    return f"{Path(own[0].filename).name}, line {own[0].lineno}, in {own[0].name}" if own else ""

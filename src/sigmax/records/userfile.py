@@ -10,6 +10,7 @@ from typing import Any
 
 from sigmax.errors import InputError, unknown
 from sigmax.ownership import stranger
+from sigmax.tracing import traceable
 
 _allowed: list[Path] = []
 
@@ -78,7 +79,7 @@ class Functions:
         function = getattr(module, name, None)
         if not callable(function):
             raise InputError(f"{where}: {unknown(f'function of {file}', name, known)}")
-        found: Callable[..., Any] = function
+        found: Callable[..., Any] = traceable(function)
         return found
 
     def _module(self, path: Path, where: str) -> ModuleType:

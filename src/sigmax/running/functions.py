@@ -18,7 +18,11 @@ from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of, takes
 from sigmax.models.switching import SwitchingModel
 from sigmax.native.refusal import user_line
 from sigmax.running.bounds import check_indices
+from sigmax.running.calls import check_calls
 from sigmax.running.precision import coarse_constants
+
+# What is returned in another shape, and what to write.
+_SHAPED = {0: ", a number: write np.array([…]) around it", 2: ": write .ravel() behind it"}
 
 
 def check_functions(
@@ -55,6 +59,7 @@ def check_functions(
     start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0], dtype)
     first_dt = np.asarray(np.ravel(dt)[0], dtype)
     first_u = () if u is None else (np.asarray(u[(0,) * (u.ndim - 1)], dtype),)
+    check_calls(model, prior, first_dt, first_u, sizes)
     for label, function, allowed, size in _noises(model, driven, sizes):
         _check_noise(label, function, arguments_of(function, label, allowed, start, first_dt, first_u), size)
     return False
@@ -207,20 +212,17 @@ def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> _Evaluated:
         raise InputError(f"{what}: {error}") from error
     except IndexError as error:
         shapes = [a.shape for a in arguments]
-        raise InputError(f"{what}, given arrays of the shapes {shapes}: {error}") from error
+        raise InputError(
+            f"{what}, given arrays of the shapes {shapes} (a state is (n,), no column (n, 1)): {error}"
+        ) from error
     except (jax.errors.JAXTypeError, jax.errors.ConcretizationTypeError) as error:
         where = user_line(error)
         raise InputError(
             f"{what} needs its numbers to be known while it is compiled{f' ({where})' if where else ''}: write it with "
-            "jax.numpy, jnp.where in the place of if, without float(); or hand it over as sigmax.models.opaque(…)"
+            "numpy or jax.numpy, where() in the place of if, without float(); or hand it over as "
+            "sigmax.models.opaque(…)"
         ) from error
     except Exception as error:
-        if isinstance(error, TypeError) and "item assignment" in str(error):
-            where = user_line(error)
-            raise InputError(
-                f"{what} assigns to a part of an array{f' ({where})' if where else ''}, and those of JAX never change: "
-                "write x = x.at[0].set(…) for x[0] = …"
-            ) from error
         error.add_note(
             f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}"
         )
@@ -245,5 +247,8 @@ def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, n
         raise InputError(f"{what} must return real numbers of float64, it returns {found.kind}: write 1.0 for 1")
     if found.shape != (size,):
         named = list(names)
-        raise InputError(f"{what} must return the {size} components {named}, shape ({size},); it returns {found.shape}")
+        hint = _SHAPED.get(len(found.shape), "") if np.prod(found.shape) == size else ""
+        raise InputError(
+            f"{what} must return the {size} components {named}, shape ({size},); it returns {found.shape}{hint}"
+        )
     return found.captured

@@ -15,6 +15,7 @@ from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, se
 from sigmax.running.vectorized import vectorized
 from sigmax.studies.study import Study
 from sigmax.studies.turns import first_mode, moving_in_turn, sensing_in_turn
+from sigmax.tracing import traceable
 
 
 class Drawn(NamedTuple):
@@ -99,8 +100,7 @@ def parts(study: Study) -> Parts:
             return x0, jnp.asarray(mean)
         if estimate == "drawn":
             return x0, model.space.add(x0, times(jnp.asarray(root), v))
-        assert callable(estimate)
-        return x0, model.space.add(jnp.asarray(estimate(x0, v)), jnp.zeros(model.dim))
+        return x0, model.space.add(jnp.asarray(traceable(estimate)(x0, v)), jnp.zeros(model.dim))
 
     if isinstance(nature, SwitchingModel):
         senses = {s: sensing_in_turn(nature, [sensor_of(m, s) for m in nature.models]) for s in nature.sensors}
