@@ -29,7 +29,11 @@ _OF_SEVERAL = ("block", "column_stack", "concatenate", "dstack", "hstack", "row_
 # Methods that NumPy looks for in objects.
 OF_OBJECTS = frozenset(_METHODS.split())
 _RENAMED = {"amax": "max", "amin": "min", "around": "round", "trapz": "trapezoid", "product": "prod", "fix": "trunc"}
-_OWN = {np.linalg.solve: elimination.solve, np.linalg.inv: elimination.inv, np.linalg.det: elimination.det}
+_OWN: dict[Any, Callable[..., Any]] = {
+    np.linalg.solve: elimination.solve,
+    np.linalg.inv: elimination.inv,
+    np.linalg.det: elimination.det,
+}
 _CLIP = {"a_min": "min", "a_max": "max"}
 
 
