@@ -10,15 +10,15 @@ WORKERS ?= 2
 $(VENV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable ".[plaza]"
+	$(BIN)/python -m pip install --quiet --editable ".[app,plaza]"
 	touch $@
 
 $(VENV)/ready-test: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --editable ".[plaza,test,docs]"
+	$(BIN)/python -m pip install --quiet --editable ".[app,plaza,test,docs]"
 	touch $@
 
 $(VENV)/ready-bench: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --editable ".[plaza,bench]"
+	$(BIN)/python -m pip install --quiet --editable ".[app,plaza,bench]"
 	touch $@
 
 demo: $(VENV)/ready

@@ -1,9 +1,13 @@
 """Scores, the verdict in words, and the page in a real browser."""
 
 import dataclasses
+import gzip
+import hashlib
 import json
 import re
+from base64 import b64decode
 from html import unescape
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -249,14 +253,20 @@ def test_a_fault_is_told_with_track_step_and_reason(
 
 
 def figures_of(html: str) -> dict:
-    return json.loads(re.search(r'<script id="figures" type="application/json">(.*?)</script>', html, re.S)[1])
+    return json.loads(unpacked(html, "figures"))
+
+
+def unpacked(html: str, name: str) -> str:
+    found = re.search(rf'<script id="{name}" type="application/gzip">(.*?)</script>', html)
+    return gzip.decompress(b64decode(found[1])).decode()
 
 
 def test_the_page_holds_everything_and_loads_nothing(tracked: tuple[Record, list[Outcome], list[Score]]) -> None:
     record, _, scores = tracked
     html = page(*tracked)
-    assert html.count("plotly.js v") == 1
-    without_plotly = re.sub(r"<script>.*?</script>", "", html, flags=re.S)
+    assert unpacked(html, "plotly").startswith("/**\n* plotly.js (cartesian")
+    assert len(html) < 2e6
+    without_plotly = re.sub(r"<script[ >].*?</script>", "", html, flags=re.S)
     assert not re.search(r"""(?:src|href)\s*=\s*["'](?!data:)""", without_plotly)
     assert "<b>&</b>" not in without_plotly
     text = unescape(re.sub(r"<[^>]+>", " ", without_plotly))
@@ -404,3 +414,12 @@ def shifted(result: sigmax.Result, by: np.ndarray) -> sigmax.Result:
     mean = result.stored_mean
     place = by.reshape(-1, *[1] * (mean.ndim - 1)) if mean.shape[0] == len(by) else by
     return dataclasses.replace(result, stored_mean=mean + place)
+
+
+def test_plotly_is_the_one_that_its_note_names() -> None:
+    folder = files("sigmax.reports") / "plotly"
+    code = gzip.decompress((folder / "plotly-cartesian.min.js.gz").read_bytes())
+    note = (folder / "README.md").read_text(encoding="utf-8")
+    assert hashlib.sha256(code).hexdigest() in note
+    assert re.search(rb"plotly.js \(cartesian - minified\) v([\d.]+)", code)[1].decode() in note
+    assert "Permission is hereby granted" in (folder / "LICENSE").read_text(encoding="utf-8")

@@ -25,6 +25,9 @@ from tests.laws.test_curved import identity
 T0 = np.datetime64("2024-02-28T23:59:58.123456789")
 SHAPES = list(itertools.product([None, 3], ["seconds", "instants", "tracks of their own"], [np.float64, np.float32]))
 
+# What takes seconds for each: all in the slow suite.
+SOME = [pytest.param(n, marks=[pytest.mark.slow] * (n not in ("circle", "direction", "pose2"))) for n in SPACES]
+
 
 def point(rng, space):
     """Some points of a space (40, size)."""
@@ -139,7 +142,7 @@ def test_parquet_and_xarray_keep_numbers_times_and_units(name, tmp_path):
         np.testing.assert_allclose(x["cov"].to_numpy()[..., d:, d:], r.bias_cov, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("name", SOME)
 def test_bands_of_numbers_are_their_deviations_to_first_order(name):
     """Held against draws of the deviation, which know nothing of a derivative."""
     from sigmax.running.presentation import series
@@ -156,7 +159,7 @@ def test_bands_of_numbers_are_their_deviations_to_first_order(name):
         np.testing.assert_allclose(got, drawn.std(1), rtol=0.03, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("name", SOME)
 @pytest.mark.parametrize("library", ["plotly", "matplotlib"])
 def test_every_result_can_be_drawn(name, library):
     for r in list(variants(name))[::5]:
@@ -262,7 +265,7 @@ def test_what_cannot_be_shown_is_refused_in_words(monkeypatch):
 
 
 # Compilers take seconds for each.
-QUICK, MORE = ("SRCKFB", "EKF(update=student)"), ("UKF(members=5)", *sigmax.names())
+QUICK, MORE = ("SRCKFB", "EKF(update=student)"), ("UKF(members=5)", "CKF, of sensors and modes", *sigmax.names())
 
 
 def by_name(name):
@@ -272,6 +275,7 @@ def by_name(name):
 
 def runs(name):
     """Results of a filter on a record with gaps, a step that fails, unequal steps, with a bias or modes."""
+    name, _, several = name.partition(", ")
     filter, rng = by_name(name), np.random.default_rng(0)
     step, cv = sigmax.motions.constant_velocity(), sigmax.sensors.position()
     more = {"bias": sigmax.Bias(sensor=np.eye(2), prior=sigmax.Gaussian([0.0, 0.0], [4.0, 4.0]))}
@@ -281,7 +285,7 @@ def runs(name):
     model = sigmax.Model(motion=step, sensor=cv, Q=step.noise(0.1), R=[4.0, 4.0], **(more if biased else {}))
     for given in (z[0], z):
         yield model, sigmax.run(filter, model, prior, given, t=T0 + np.arange(9) ** 2 * np.timedelta64(1, "s"), t0=T0)
-    if name == "SRCKFB":
+    if several:
         both = {
             "range": sigmax.sensors.range_only(origin=(50.0, 0.0)),
             "bearing": sigmax.sensors.bearing(origin=(0.0, 60.0)),
@@ -300,7 +304,7 @@ def runs(name):
 )
 def test_what_runs_leave_is_shown_as_it_is(name):
     for model, r in runs(name):
-        again = sigmax.smooth(by_name(name), model, r)
+        again = sigmax.smooth(by_name(name.partition(", ")[0]), model, r)
         for one in (r, again):
             f, kind = one.to_frame(), type(one).__name__
             std = np.sqrt(np.einsum("...ii->...i", flat(one.cov, one)))
@@ -313,7 +317,7 @@ def test_what_runs_leave_is_shown_as_it_is(name):
             np.testing.assert_array_equal(f.index.get_level_values("time"), flat(one.time, one))
             first, *lines = repr(one).splitlines()
             said = dict(re.split(r"  +", line.strip(), maxsplit=1) for line in lines)
-            assert first.startswith(f"{kind} of {name.split('(')[0]}")
+            assert first.startswith(f"{kind} of {re.match('[A-Z]+', name)[0]}")
             assert said["faults"].startswith("none" if one.ok.all() else f"{(one.fault != 0).sum()} step")
             assert ("honest" in said.get("NIS", "")) == (kind == "Result" and not one.modes and "(" not in name)
             assert len(one.plot(track=0).data) >= 3 * len(one.state)

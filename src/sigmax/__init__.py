@@ -126,13 +126,25 @@ __all__ = [
 
 def __getattr__(name: str) -> "Any":
     if name in _WHERE:
-        return getattr(importlib.import_module(_WHERE[name]), name)
+        return getattr(_module(_WHERE[name], name), name)
     if name in _MODULES:
-        return importlib.import_module(f"sigmax.{name}")
+        return _module(f"sigmax.{name}", name)
     if name in _MOVED:
         warnings.warn(f"sigmax.{name} is {_MOVED[name]}.{name} now", DeprecationWarning, stacklevel=2)
         return getattr(importlib.import_module(_MOVED[name]), name)
     raise AttributeError(f"module 'sigmax' has no attribute {name!r}")
+
+
+def _module(path: str, name: str) -> "Any":
+    try:
+        return importlib.import_module(path)
+    except ModuleNotFoundError as error:
+        from sigmax.errors import without_app
+
+        told = without_app(f"sigmax.{name}", error)
+        if told is None:
+            raise
+        raise ModuleNotFoundError(told, name=error.name) from error
 
 
 def __dir__() -> list[str]:

@@ -23,3 +23,15 @@ def unknown(kind: str, name: object, known: Iterable[str]) -> InputError:
     near = list(dict.fromkeys([*anagrams, *near]))
     hint = f"did you mean {' or '.join(folded[n] for n in near[:3])}?" if near else _known(names)
     return InputError(f"unknown {kind} {name!r}; {hint}")
+
+
+# Packages of the extra `app`.
+APP = ("cloudpickle", "joblib", "matplotlib", "orjson", "pandas", "pyarrow", "pydantic", "rich", "typer")
+
+
+def without_app(what: str, error: ModuleNotFoundError) -> str | None:
+    """What to install where the core alone is installed; None where something else is missing."""
+    package = (error.name or "").partition(".")[0]
+    if package not in APP:
+        return None
+    return f"{what} needs {package}, which is not part of a core install: pip install 'sigmax[app]'"

@@ -11,10 +11,11 @@ NO_RESULT, WRONG_INPUT, FAULT_OF_SIGMAX = 1, 2, 70
 def main() -> None:
     """Run the command line; what the user gave wrongly is one message and exit status 2."""
     with ends_by_signal():
-        from sigmax.cli.app import app
-        from sigmax.errors import InputError
+        from sigmax.errors import InputError, without_app
 
         try:
+            from sigmax.cli.app import app
+
             app()
         except InputError as error:
             print(f"sigmax: {error}", file=sys.stderr)
@@ -27,7 +28,10 @@ def main() -> None:
             # What the system refuses is no fault of ours: a name that is too long, a disk that is gone.
             print(f"sigmax: {error}", file=sys.stderr)
             raise SystemExit(WRONG_INPUT) from None
-        except Exception:
+        except Exception as error:
+            if isinstance(error, ModuleNotFoundError) and (told := without_app("the command line", error)):
+                print(f"sigmax: {told}", file=sys.stderr)
+                raise SystemExit(WRONG_INPUT) from None
             import traceback
 
             traceback.print_exc()

@@ -1,12 +1,12 @@
 """The pages' parts: a document with figures in one file that opens without a network, and what stands in it."""
 
+import gzip
 import json
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from typing import Any
-
-from plotly.offline import get_plotlyjs
 
 from sigmax.filters import Filter
 from sigmax.reports.figures.draw import Figure
@@ -14,9 +14,9 @@ from sigmax.reports.figures.draw import Figure
 
 def document(title: str, about: str, sections: Sequence[str], figures: Mapping[str, Figure]) -> str:
     """A page of sections in HTML; places made by `place` are filled with the figures of their names."""
-    drawn = within_script(figures)
     here = files("sigmax.reports")
-    css, js = (here.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
+    css, unpack, js = (here.joinpath(n).read_text(encoding="utf-8") for n in ("page.css", "unpack.js", "page.js"))
+    plotly = here.joinpath("plotly/plotly-cartesian.min.js.gz").read_bytes()
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -32,17 +32,23 @@ def document(title: str, about: str, sections: Sequence[str], figures: Mapping[s
 <p class="quiet">{escape(about)}</p>
 {"".join(sections)}
 </main>
-<script>{get_plotlyjs()}</script>
-<script id="figures" type="application/json">{drawn}</script>
+{_within("plotly", plotly)}
+{packed("figures", figures)}
+<script>{unpack}</script>
 <script>{js}</script>
 </body>
 </html>
 """
 
 
-def within_script(content: Any) -> str:
-    """JSON that can stand inside a script element: whatever a name in it holds, it ends no element and begins none."""
-    return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+def packed(name: str, content: Any) -> str:
+    """An element with JSON, compressed: whatever a name in it holds, it ends no element and begins none."""
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+    return _within(name, gzip.compress(text.encode(), mtime=0))
+
+
+def _within(name: str, compressed: bytes) -> str:
+    return f'<script id="{name}" type="application/gzip">{b64encode(compressed).decode()}</script>'
 
 
 def section(heading: str, about: str, body: str) -> str:

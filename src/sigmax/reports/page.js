@@ -1,6 +1,7 @@
-(function () {
+(async function () {
   "use strict";
-  const figures = JSON.parse(document.getElementById("figures").textContent);
+  await window.drawing;
+  const figures = JSON.parse(await window.unpacked("figures"));
   const touch = window.matchMedia("(pointer: coarse)").matches;
   const narrow = function () { return window.innerWidth <= 620; };
   const font = { family: "system-ui, -apple-system, 'Segoe UI', Roboto, Arial, sans-serif", size: 12, color: "#1f2933" };

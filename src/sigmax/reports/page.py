@@ -243,7 +243,7 @@ def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Scor
         rows.append(("noise of the bias, per second", _noise(model.bias.Q)))
     rows += [(f"noise of {s or 'the sensor'}", _noise(R)) for s, R in first.R.items()]
     rows += [(s.label, parts(o.trial.filter)) for o, s in zip(outcomes, scores, strict=True)]
-    libraries = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "plotly"))
+    libraries = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy"))
     rows.append(("versions", f"sigmax {sigmax.__version__}, {libraries}"))
     return settings(rows)
 

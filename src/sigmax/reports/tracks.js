@@ -1,6 +1,7 @@
-document.addEventListener("DOMContentLoaded", function () {
+document.addEventListener("DOMContentLoaded", async function () {
   "use strict";
-  const data = JSON.parse(document.getElementById("tracks").textContent);
+  await window.drawing;
+  const data = JSON.parse(await window.unpacked("tracks"));
   const map = document.getElementById("map"), slider = document.getElementById("moment");
   const play = document.getElementById("play"), told = document.getElementById("moment-told");
   const font = { family: "system-ui, -apple-system, 'Segoe UI', Roboto, Arial, sans-serif", size: 12, color: "#1f2933" };

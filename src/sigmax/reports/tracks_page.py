@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import sigmax
-from sigmax.reports.document import data, document, dotted, graded, lead, place, section, table, within_script
+from sigmax.reports.document import data, document, dotted, graded, lead, packed, place, section, table
 from sigmax.reports.figures.draw import COLOURS, MUTED, Figure, line, safe
 from sigmax.reports.followed import Followed
 from sigmax.reports.verdict import significant
@@ -98,7 +98,6 @@ def _map(run: Followed) -> str:
         "tail": max(20.0, (end - start) / 4),
         "axes": [safe(f"{n} [m]") for n in names],
     }
-    told = within_script(content)
     script = files("sigmax.reports").joinpath("tracks.js").read_text(encoding="utf-8")
     more = f" The {_TRACKS} longest of {len(run.confirmed)} tracks." if len(run.confirmed) > _TRACKS else ""
     middle = start + 0.7 * (end - start)
@@ -107,7 +106,7 @@ def _map(run: Followed) -> str:
         f'<input id="moment" type="range" aria-label="time" style="flex:1" min="{start:.3f}" max="{end:.3f}" '
         f'step="any" value="{middle:.3f}"><span id="moment-told"></span></div>'
         '<div id="map" style="min-height:460px"></div>'
-        f'<script id="tracks" type="application/json">{told}</script><script>{script}</script>'
+        f"{packed('tracks', content)}<script>{script}</script>"
     )
     about = f"Confirmed tracks with their 2σ ellipses, the plots just before, and the truth in grey.{more}"
     return section("Map", f"{about} Draw the slider through time; drag on the map to zoom.", body)
