@@ -51,6 +51,7 @@ class Study:
             without it all of them.
         inputs: (T, k), the same in all runs, or None.
         filters: the filters by name.
+        groups: filters that pictures show together, by the name of the group; without it all together.
         runs: how many runs are made if nothing else is said.
         look: times, in steps from 1, at which histograms and medians are shown.
         mirror: the other state that is the same motion, x -> x, where a model has one: a run that ends
@@ -81,6 +82,7 @@ class Study:
     measured: Mapping[str, Any] = field(default_factory=dict)
     inputs: Any = None
     filters: Mapping[str, Filter] = field(default_factory=dict)
+    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
     runs: int = 1000
     look: Sequence[int] = ()
     mirror: Callable[[Any], Any] | None = None

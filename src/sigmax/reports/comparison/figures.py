@@ -5,19 +5,30 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import binom
 
-from sigmax.reports.figures.draw import INK, MUTED, TRUTH, Figure, colour, line, pale, plain, safe
+from sigmax.reports.figures.draw import COLOURS, INK, MUTED, TRUTH, Figure, between, colour, line, pale, plain, safe
 from sigmax.studies import Comparison, Measures
 from sigmax.studies.measures import claimed_density, histogram
 from sigmax.views.thin import stride
 
 _POINTS = 250
+_WITHOUT_UNIT = ("ratio", "relative")
 _DASHES = ("solid", "dash", "dot", "dashdot")
 # What may be shown over time, with the title of its axis.
-CURVES = {"rmse": "RMSE", "ratio": "real / claimed variance", "claimed": "claimed σ", "bias": "mean error"}
+CURVES = {
+    "rmse": "RMSE",
+    "relative": "RMSE / that of the first filter",
+    "ratio": "real / claimed variance",
+    "claimed": "claimed σ",
+    "bias": "mean error",
+}
 
 
 def shade(c: Comparison, name: str) -> str:
-    """The colour of a filter."""
+    """The colour of a filter; from light to dark in a group of its own that has more filters than there are colours."""
+    own = [(k, list(names)) for k, names in enumerate(c.study.groups.values()) if name in names]
+    if len(own) == 1 and len(own[0][1]) > len(COLOURS):
+        k, names = own[0]
+        return between(k, names.index(name) / (len(names) - 1))
     return colour(list(c.filters).index(name))
 
 
@@ -77,10 +88,10 @@ def curve_figures(c: Comparison) -> dict[str, Figure]:
     for i in range(c.study.model.dim):
         factor, unit = shown_unit(c, i)
         for measure, title in CURVES.items():
-            scale = 1.0 if measure == "ratio" else factor
+            scale = 1.0 if measure in _WITHOUT_UNIT else factor
             data, kept = [], []
             for name, m in c.measures.items():
-                value, error = _curve(m, measure, i)
+                value, error = _curve(c, name, m, measure, i)
                 if name in readable(c):
                     kept.append(scale * value[few])
                 drawn = _styled(c, name, time, scale * value[few])
@@ -90,7 +101,9 @@ def curve_figures(c: Comparison) -> dict[str, Figure]:
             references = _references(c, measure, i, scale, few)
             data += references
             positive = measure != "bias"
-            axis: Figure = {"title": {"text": safe(f"{title}{f' [{unit}]' if unit and measure != 'ratio' else ''}")}}
+            axis: Figure = {
+                "title": {"text": safe(f"{title}{f' [{unit}]' if unit and measure not in _WITHOUT_UNIT else ''}")}
+            }
             ends = reach([*kept, *(np.array(r["y"], float) for r in references)], positive)
             if ends is not None and len(kept) < len(c.measures):
                 axis["range"] = list(ends)
@@ -106,7 +119,17 @@ def curve_figures(c: Comparison) -> dict[str, Figure]:
     return made
 
 
-def _curve(m: Measures, measure: str, i: int) -> tuple[np.ndarray, np.ndarray]:
+def over_first(c: Comparison, name: str, i: int) -> np.ndarray:
+    """The RMSE (T,) of a component over that of the first filter."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        value: np.ndarray = c.measures[name].rmse.value[:, i] / next(iter(c.measures.values())).rmse.value[:, i]
+    return value
+
+
+def _curve(c: Comparison, name: str, m: Measures, measure: str, i: int) -> tuple[np.ndarray, np.ndarray]:
+    if measure == "relative":
+        value = over_first(c, name, i)
+        return value, np.full_like(value, np.nan)
     if measure == "claimed":
         sigma = np.sqrt(m.claimed[:, i, i])
         return sigma, np.full_like(sigma, np.nan)
@@ -119,8 +142,8 @@ def _references(c: Comparison, measure: str, i: int, scale: float, few: np.ndarr
     drawn = []
     if measure == "ratio":
         drawn.append(line("honest", time, np.ones(len(few)), MUTED, 1))
-    if c.optimum is not None and measure != "bias":
-        value, _ = _curve(c.optimum.limit, measure, i)
+    if c.optimum is not None and measure not in ("bias", "relative"):
+        value, _ = _curve(c, "", c.optimum.limit, measure, i)
         drawn.append(line("optimum", time, scale * value[few], INK, 2.4))
     if c.bound is not None and measure == "rmse":
         drawn.append(line("Cramér–Rao bound", time, scale * c.bound[few, i], TRUTH, 2.4))

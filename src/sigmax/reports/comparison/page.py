@@ -14,6 +14,7 @@ from sigmax.reports.comparison.figures import (
     label,
     shade,
 )
+from sigmax.reports.comparison.grouped import cost_figures, group_choices
 from sigmax.reports.comparison.standing import FAR, Standing, Word, standings
 from sigmax.reports.comparison.trade import trade_figure
 from sigmax.reports.comparison.verdict import RULES, facet, times, verdict
@@ -61,9 +62,9 @@ def _one(c: Comparison, mark: str) -> tuple[list[str], dict[str, Figure]]:
     figures: dict[str, Figure] = {}
     if c.measures:
         figures = {"trade": trade_figure(c, found), **curve_figures(c), **consistency_figures(c)}
-        figures |= histogram_figures(c)
+        figures |= histogram_figures(c) | cost_figures(c)
         sections += [_trade(found, mark), _curves(c, mark), _consistency(c, mark), _histograms(c, mark)]
-        sections += [_lost(c), _cost(c)]
+        sections += [_lost(c), _cost(c, mark)]
     sections.append(_settings(c))
     return sections, figures
 
@@ -191,7 +192,7 @@ def _lost(c: Comparison) -> str:
     )
 
 
-def _cost(c: Comparison) -> str:
+def _cost(c: Comparison, mark: str) -> str:
     rows = []
     for name, cost in c.costs.items():
         calls = " + ".join("–" if n is None else str(n) for n in cost.evaluations)
@@ -209,7 +210,9 @@ def _cost(c: Comparison) -> str:
         "Time of prediction, correction and both, divided by the EKF's, all filters taking turns; a step of one track "
         "in a large batch; evaluations of motion + sensor in a step, of the part that is evaluated most often "
         "(derivatives in a direction count as one).",
-        table(["filter", "predict", "update", "total", "a step", "evaluations", "compiled in"], rows),
+        table(["filter", "predict", "correct", "total", "a step", "evaluations", "compiled in"], rows)
+        + choices(("group", "filters", group_choices(c), "0"))
+        + place(f"{mark}cost", f"{mark}cost/{{group}}"),
     )
 
 

@@ -1,5 +1,6 @@
 """What all figures share: colours, times, numbers for JSON, and how many of them."""
 
+import colorsys
 from collections.abc import Sequence
 from typing import Any
 
@@ -28,6 +29,12 @@ _POINTS, _ALL_POINTS = 1200, 120_000
 def colour(index: int) -> str:
     """The colour of the index-th filter."""
     return COLOURS[index % len(COLOURS)]
+
+
+def between(index: int, part: float) -> str:
+    """A colour from light (part 0) to dark (1), green, blue or red by the index."""
+    red, green, blue = colorsys.hls_to_rgb((0.36, 0.58, 0.0)[index % 3], 0.8 - 0.6 * part, 0.65)
+    return "#" + "".join(f"{round(255 * v):02x}" for v in (red, green, blue))
 
 
 def limit(series: int) -> int:

@@ -27,10 +27,15 @@ _STARTS = ("printed", "plot", "drawn")
 _SCALED: dict[str, Any] = {"alpha": 0.45, "beta": 2.0, "kappa": -2.0}
 # The smallest alpha whose centre weight is not negative, as the paper has it.
 _POSITIVE: dict[str, Any] = {"alpha": 0.687369, "beta": 2.0, "kappa": -2.0}
+# The paper's, and below, where it says that it gets worse.
+_ALPHAS = (1.0, 0.7, 0.6, 0.55, 0.5, 0.45, 0.4, 0.35, 0.3, 0.25, 0.2, 0.15, 0.1)
 FOURTEEN = (
     *("EKF", "UKF", "CKF", "SREKF", "SRUKF", "SRUKFB", "SRCKF", "SRCKFB"),
     *("EUKF", "ECKF", "SREUKF", "SREUKFB", "SRECKF", "SRECKFB"),
 )
+
+# The curves of the paper's figure 3.
+_FIVE = ("EKF", "SRUKFB", "SRCKFB", "SREUKFB", "SRECKFB")
 
 
 def _filters(names: tuple[str, ...]) -> dict[str, Filter]:
@@ -96,6 +101,7 @@ def _study(
     dt: float = 1.0,
     steps: int = 200,
     runs: int = 10_000,
+    groups: dict[str, tuple[str, ...]] | None = None,
 ) -> Study:
     if p0 not in _PRIORS:
         raise unknown("reading of P0", p0, _PRIORS)
@@ -118,6 +124,7 @@ def _study(
         estimate=_from_plot if start == "plot" else _around_truth if start == "drawn" else "prior",
         detection=detection,
         filters=filters,
+        groups=groups or {},
         runs=runs,
         look=look,
         mirror=_mirror,
@@ -139,20 +146,32 @@ def rmse(
 ) -> Study:
     """Figure 3: the error of all fourteen filters over time."""
     title = "Fourteen filters on a radar target (Sobolev, figure 3)"
-    return _study("sobolev-rmse", title, _filters(FOURTEEN), p0, start, truth, detection, dt, steps)
+    return _study(
+        "sobolev-rmse", title, _filters(FOURTEEN), p0, start, truth, detection, dt, steps, groups={"figure 3": _FIVE}
+    )
 
 
 def spread(p0: str = "variance", start: str = "printed", detection: float = 1.0, dt: float = 1.0) -> Study:
     """Figure 2: the scaled transform from wide to narrow points, as square-root filter and as hybrid."""
+    groups = {base: tuple(f"{base} α {alpha:g}" for alpha in _ALPHAS) for base in ("SRUKFB", "SREUKFB")}
     filters = {"EKF": get("EKF")}
-    for name in ("SRUKFB", "SREUKFB"):
-        for alpha in (1.0, 0.7, 0.6, 0.55, 0.5, 0.45, 0.4, 0.35, 0.3):
-            filters[f"{name} α {alpha:g}"] = get(name, alpha=alpha, beta=2.0, kappa=-2.0)
+    for base, names in groups.items():
+        for name, alpha in zip(names, _ALPHAS, strict=True):
+            filters[name] = get(base, alpha=alpha, beta=2.0, kappa=-2.0)
     title = "How far apart sigma points should lie (Sobolev, figure 2)"
-    return _study("sobolev-spread", title, filters, p0, start, "fixed", detection, dt, runs=2000)
+    return _study("sobolev-spread", title, filters, p0, start, "fixed", detection, dt, runs=2000, groups=groups)
 
 
-def cost() -> Study:
+def cost(
+    p0: str = "variance", start: str = "printed", truth: str = "fixed", detection: float = 1.0, dt: float = 1.0
+) -> Study:
     """Figure 4: what each filter costs; few runs, for time is what is measured."""
+    filters = _filters(FOURTEEN)
+    rooted = [name for name in FOURTEEN if name.startswith("SR") and "UKF" in name]
+    filters |= {f"{name} W₀ ≥ 0": get(name, **_POSITIVE) for name in rooted}
+    groups = {
+        "figure 4a, negative centre weight": FOURTEEN,
+        "figure 4b, non-negative": tuple(f"{name} W₀ ≥ 0" if name in rooted else name for name in FOURTEEN),
+    }
     title = "What fourteen filters cost (Sobolev, figure 4)"
-    return _study("sobolev-cost", title, _filters(FOURTEEN), steps=50, runs=512)
+    return _study("sobolev-cost", title, filters, p0, start, truth, detection, dt, steps=50, runs=512, groups=groups)

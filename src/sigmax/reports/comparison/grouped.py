@@ -1,0 +1,102 @@
+"""Pictures that show filters side by side: errors by group, against the first filter, and what a step costs."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from sigmax.reports.comparison.figures import label, over_first, reach, readable, shade, shown_unit
+from sigmax.reports.figures.draw import Figure, plain, safe
+from sigmax.studies import Comparison
+
+# Parts of a step, as `Cost.relative` has them, and how dark they are drawn.
+PARTS = {"predict": 0.4, "correct": 0.7, "total": 1.0}
+
+
+def groups(c: Comparison) -> dict[str, list[str]]:
+    """The filters of each group that ran; all of them in one where the study names no groups."""
+    asked = c.study.groups or {"": tuple(c.measures)}
+    found = {group: [name for name in names if name in c.measures] for group, names in asked.items()}
+    return {group: names for group, names in found.items() if names} or {"": list(c.measures)}
+
+
+def errors_picture(c: Comparison) -> Any:
+    """RMSE on linear axes, a column for each group."""
+
+    def curve(name: str, i: int) -> np.ndarray:
+        value: np.ndarray = shown_unit(c, i)[0] * c.measures[name].rmse.value[:, i]
+        return value
+
+    return _columns(c, curve, lambda i: label(c, i))
+
+
+def relative_picture(c: Comparison) -> Any:
+    """RMSE divided by that of the first filter, a column for each group."""
+    first = next(iter(c.measures))
+    return _columns(c, lambda name, i: over_first(c, name, i), lambda i: f"{c.study.model.deviations[i]} / {first}")
+
+
+def _columns(c: Comparison, curve: Callable[[str, int], np.ndarray], title: Callable[[int], str]) -> Any:
+    shown, n = groups(c), c.study.model.dim
+    size = (1.2 + 4.6 * len(shown), 1.4 + 1.7 * n)
+    figure, axes = plt.subplots(
+        n, len(shown), figsize=size, sharex=True, sharey="row", squeeze=False, layout="constrained"
+    )
+    for k, (group, names) in enumerate(shown.items()):
+        for i in range(n):
+            for name in names:
+                axes[i, k].plot(c.study.time, curve(name, i), color=shade(c, name), label=name, linewidth=1.2)
+        axes[0, k].set_title(group)
+        axes[-1, k].set_xlabel("time [s]")
+        axes[0, k].legend(fontsize=6, ncols=2 if len(names) > 5 else 1)
+    kept = set(readable(c))
+    for i in range(n):
+        ends = reach([curve(name, i) for names in shown.values() for name in names if name in kept], False)
+        if ends is not None:
+            axes[i, 0].set_ylim(max(ends[0], 0), ends[1])
+        axes[i, 0].set_ylabel(title(i).replace("$", r"\$"))
+    return figure
+
+
+def cost_picture(c: Comparison) -> Any:
+    """Prediction, correction and both in units of the EKF's, as bars, a row for each group."""
+    shown = groups(c)
+    figure, axes = plt.subplots(len(shown), 1, figsize=(9, 0.8 + 2.6 * len(shown)), squeeze=False, layout="constrained")
+    for ax, (group, names) in zip(axes[:, 0], shown.items(), strict=True):
+        at = np.arange(len(names))
+        for k, (part, strength) in enumerate(PARTS.items()):
+            values = [float(c.costs[name].relative[k]) for name in names]
+            ax.bar(at + 0.27 * (k - 1), values, 0.25, color="#0072b2", alpha=strength, label=part)
+        ax.axhline(1.0, color="k", linewidth=1)
+        ax.set_xticks(at, [name.replace("$", r"\$") for name in names], rotation=30, ha="right", fontsize=8)
+        ax.set_ylabel("time / EKF's")
+        ax.set_title(group)
+        ax.grid(visible=False, axis="x")
+    axes[0, 0].legend(fontsize=8)
+    return figure
+
+
+def cost_figures(c: Comparison) -> dict[str, Figure]:
+    """The same for the page, under "cost/{group}"."""
+    made: dict[str, Figure] = {}
+    for k, names in enumerate(groups(c).values()):
+        bars = [
+            {
+                "type": "bar",
+                "name": part,
+                "x": [safe(name) for name in names],
+                "y": plain([float(c.costs[name].relative[at]) for name in names]),
+                "marker": {"color": "#0072b2", "opacity": strength},
+            }
+            for at, (part, strength) in enumerate(PARTS.items())
+        ]
+        level = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1, "line": {"width": 1}}
+        layout: Figure = {"barmode": "group", "height": 380, "shapes": [level]}
+        made[f"cost/{k}"] = {"data": bars, "layout": layout | {"yaxis": {"title": {"text": "time / EKF's"}}}}
+    return made
+
+
+def group_choices(c: Comparison) -> Sequence[tuple[str, str]]:
+    """The groups for a menu: their numbers and names."""
+    return [(str(k), group or "all") for k, group in enumerate(groups(c))]
