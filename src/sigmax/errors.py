@@ -8,6 +8,10 @@ class InputError(ValueError):
     """Something given to the library does not fit; the message says what to change."""
 
 
+class FoldingWarning(UserWarning):
+    """Sigma points lie so far apart that angles or rotations come back from the other side."""
+
+
 def _known(names: list[str]) -> str:
     return f"known: {', '.join(map(repr, names))}" if any(names) else "none here has a name"
 

@@ -1,6 +1,5 @@
 """Filter, model and prior together, as the engines take them."""
 
-import warnings
 from typing import Any
 
 import jax.numpy as jnp
@@ -13,7 +12,6 @@ from sigmax.models.checks import enough_memory, is_traced
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
-from sigmax.rules import SigmaPoints
 from sigmax.running.current import check_model
 
 
@@ -36,7 +34,6 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
     if not model.space.flat:
         prior = _on_space(model, prior)
     for own, part in modes_of(filter, model):
-        _warn_of_wrapping(own, part, prior)
         check_update(own, part)
     tracks, n = len(prior.mean) if prior.mean.ndim == 2 else 1, model.size + model.biases
     enough_memory(f"a filter of {tracks} tracks", (2.0 * n + n * n) * tracks)
@@ -64,27 +61,6 @@ def check_update(filter: Filter, model: Model) -> None:
             raise unknown("sensor", sensor, model.sensors)
     if model.fusion is not None:
         raise InputError(f"fused sensors are corrected as one; give one update for all, not {filter.update}")
-
-
-def _warn_of_wrapping(filter: Filter, model: Model, prior: Gaussian) -> None:
-    """Say where sigma points of the prior lie more than half a turn away: there they come back from the other side."""
-    rules = {rule for rule in (filter.predict, filter.correct) if isinstance(rule, SigmaPoints)}
-    if model.space.flat or prior.dim != model.dim or not rules or is_traced(prior.cov):
-        return
-    P = np.asarray(prior.cov, float)
-    variances = np.einsum("...ii->...i", P)[..., None] * np.eye(model.dim)
-    factor = np.linalg.cholesky(P + 1e-9 * variances + np.finfo(float).tiny * np.eye(model.dim))
-    for rule in rules:
-        away = factor @ rule.points(model.dim).points.T
-        for p, _, to in model.space.parts():
-            far = np.linalg.norm(away[..., to.start : to.start + p.turns, :], axis=-2).max(initial=0.0)
-            if far > np.pi:
-                warnings.warn(
-                    f"sigma points of {filter.name} lie up to {np.degrees(far):.0f}° from the mean of "
-                    f"{model.deviations[to.start]}, more than half a turn, and come back from the other side: take a "
-                    "Taylor rule, as in EKF, or points that lie closer, such as UKF with alpha below 1",
-                    stacklevel=5,
-                )
 
 
 def _on_space(model: Model, prior: Gaussian) -> Gaussian:

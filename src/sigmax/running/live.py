@@ -16,10 +16,11 @@ from sigmax.running.course import Course
 from sigmax.running.covariances import covariances
 from sigmax.running.current import current_model
 from sigmax.running.estimate import Estimate
+from sigmax.running.folding import warn_of_folding
 from sigmax.running.fusing import Members
 from sigmax.running.given import Given, Heard
 from sigmax.running.intervals import duration, instant, seconds_of
-from sigmax.running.joining import joined
+from sigmax.running.joining import joined, modes_of
 from sigmax.running.layout import Layout
 from sigmax.running.live_estimate import LiveEstimate
 from sigmax.running.prepare import as_filter, cast, run_type, typed
@@ -71,6 +72,8 @@ class Live(LiveEstimate):
         self._asked = as_filter(filter, model), model, prior
         now = current_model(model)
         self.filter, model, prior = joined(self._asked[0], now, prior)
+        for own, part in modes_of(self.filter, model):
+            warn_of_folding(own, part, prior, None)
         layout = Layout.of(now, prior.mean.ndim == 2, self.filter.form.bias_first)
         self.layout = layout = layout._replace(filter=self._asked[0].name)
         self._biased, self._numbers, self._deviations = bool(layout.bias), layout.numbers, layout.deviations

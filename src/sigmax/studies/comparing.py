@@ -1,6 +1,7 @@
 """Many runs of a study with all its filters, and what they say."""
 
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain
@@ -8,11 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import joblib
+import numpy as np
 from joblib.parallel import get_active_backend
 
-from sigmax.filters import Filter, get
+from sigmax.errors import FoldingWarning
+from sigmax.filters import Bank, Filter, ModeFilters, get
 from sigmax.models.model import check_flat
-from sigmax.models.switching import check_one_mode
+from sigmax.models.switching import SwitchingModel, check_one_mode
+from sigmax.running.folding import folding
 from sigmax.studies.beforehand import check, chosen_filters, settings_of, yardsticks
 from sigmax.studies.bound import absent, bound
 from sigmax.studies.comparison import Comparison, Optimum
@@ -67,6 +71,25 @@ def compare(
             `Comparison.failures`, and the lost runs of its measures.
     """
     begun = time.perf_counter()
+    with warnings.catch_warnings():
+        # Said once for each filter, in the notes, not for each block of runs.
+        warnings.simplefilter("ignore", FoldingWarning)
+        return _compared(study, filters, runs, seed, particles, workers, chunk, folder, backend, report, begun)
+
+
+def _compared(
+    study: Study,
+    filters: Mapping[str, Filter] | Sequence[str] | None,
+    runs: int | None,
+    seed: int,
+    particles: int | None,
+    workers: int | None,
+    chunk: int,
+    folder: Path | str | None,
+    backend: str | None,
+    report: Report,
+    begun: float,
+) -> Comparison:
     chosen = chosen_filters(study, filters)
     count = study.runs if runs is None else runs
     N = study.particles if particles is None else particles
@@ -127,8 +150,19 @@ def compare(
         no_bound,
         prepared,
         time.perf_counter() - begun,
-        (note,) if note else (),
+        (*((note,) if note else ()), *_folding(study, chosen)),
     )
+
+
+def _folding(study: Study, filters: Mapping[str, Filter]) -> list[str]:
+    """What is to be said of filters whose points fold at the start, a sentence each."""
+    k = None if study.inputs is None else np.shape(study.inputs)[-1]
+    return [
+        f"{name}: {said}"
+        for name, filter in filters.items()
+        if not isinstance(filter, Bank | ModeFilters) and not isinstance(study.model, SwitchingModel)
+        for said in folding(filter.on(0), study.model, study.prior, k)
+    ]
 
 
 def _parts(count: int, block: int, size: int) -> list[Rows]:
