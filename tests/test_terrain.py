@@ -1,6 +1,7 @@
 """Elevation maps, flights over them, opaque functions, and what explain says."""
 
 import json
+from math import comb
 from pathlib import Path
 
 import jax
@@ -125,8 +126,23 @@ def test_explain_tells_the_counts_of_the_paper():
     assert (look_up.reads, look_up.given, look_up.permuted) == (("dx", "dz"), 14, 5)
     assert set(sensor.held) == {"dh", "dv", "da", "dvx", "dvz"}
     assert 0.6 < sensor.estimated < 0.65
-    with pytest.raises(sigmax.InputError, match="no sigma points"):
-        explain("EKF", MADE.model, MADE.prior, inputs=MADE.inputs)
+
+
+@pytest.mark.parametrize("name", sigmax.names())
+def test_explain_answers_for_every_filter(name):
+    """What is evaluated is what the points and derivatives of its rules say, counted by hand."""
+    made = sigmax.builtin("radar-ct")
+    motion, sensor = explain(name, made.model, made.prior, dt=made.dt, measure=False)
+    assert (motion.function, sensor.function) == ("motion", "sensor")
+    n = made.model.size
+    by_rule = {"Taylor1": n + 1, "Taylor2": comb(n + 2, 2), "Taylor(": comb(n + 3, 3)}
+    by_rule |= {"SigmaPoints(cubature, degree=3)": 2 * n, "SigmaPoints(cubature, degree=5)": 2 * n**2 + 1}
+    by_rule |= {"SigmaPoints(gauss_hermite": 3**n, "SigmaPoints(scaled": 2 * n + 1, "SigmaPoints(simplex": n + 1}
+    for one in (motion, sensor):
+        assert one.points == next(count for rule, count in by_rule.items() if one.rule.startswith(rule))
+        assert one.parts
+        assert set(one.W) == {"north", "east", "speed", "course", "turn_rate"}
+        assert all(part.permuted > 0 and part.given <= one.points for part in one.parts)
 
 
 def opaque_model(function, **more):

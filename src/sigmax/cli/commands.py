@@ -42,12 +42,10 @@ def explain_command(
             show_default=False,
         ),
     ],
-    filter: Annotated[
-        str, typer.Option("--filter", "-f", help="NAME or NAME:parameter=value,… with sigma points.")
-    ] = "SRCKFB",
+    filter: Annotated[str, typer.Option("--filter", "-f", help="NAME or NAME:parameter=value,…")] = "SRCKFB",
     measure: Annotated[bool, typer.Option(help="Take the time of the linearisations, too.")] = True,
 ) -> None:
-    """Show what a sigma-point filter evaluates in a model, how often, and what another order of the state saves.
+    """Show what a filter evaluates in a model, how often, and what another order of the state saves.
 
     Example: sigmax explain terrain --filter UKF
     """

@@ -131,3 +131,10 @@ def _hermite(n: int, order: int) -> np.ndarray:
                 within = prod(factorial(count) for count in Counter(b).values())
                 C[row, column] = 1 / (2 ** sum(halves) * factorials * within**0.5)
     return C
+
+
+def order_of(rule: object) -> int | None:
+    """The order of a Taylor rule, which takes C(n + order, order) values and derivatives; None of another rule."""
+    if isinstance(rule, Taylor):
+        return rule.order
+    return {Taylor1: 1, Taylor2: 2}.get(type(rule))

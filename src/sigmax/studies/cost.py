@@ -12,8 +12,9 @@ from sigmax.filters import Filter
 from sigmax.models import Model, SwitchingModel
 from sigmax.models.augment import augment
 from sigmax.models.evaluate import moving, sensing
-from sigmax.rules import Marginal, SigmaPoints, Taylor, Taylor1, Taylor2
+from sigmax.rules import Marginal, SigmaPoints
 from sigmax.rules.linearization import Function, Rule
+from sigmax.rules.taylor import order_of
 from sigmax.running.prepare import as_filter, prepare
 from sigmax.running.timing import seconds
 from sigmax.running.updating import update_on
@@ -104,6 +105,5 @@ def _times(rule: Rule, g: Function, size: int, angular: Sequence[bool], biases: 
     n = size - biases
     if isinstance(rule, SigmaPoints):
         return rule.evaluations(g, size, angular, n)
-    orders = {Taylor1: 1, Taylor2: 2}
-    order = rule.order if isinstance(rule, Taylor) else orders.get(type(rule))
+    order = order_of(rule)
     return None if order is None else comb(n + order, order)
