@@ -148,3 +148,22 @@ def test_each_term_is_a_switch():
 def test_matrices_that_do_not_fit_are_refused(given, says):
     with pytest.raises(InputError, match=says):
         sigmax.motions.quadratic(*given)
+
+
+@pytest.mark.parametrize("name", ["PF", "SRPFB"])
+def test_the_polynomial_filter_is_an_ekf_with_more_noise(name):
+    """Stepanov et al., (37)-(38): d as known inputs, D as variances of more noise; recursion written out by hand."""
+    f, h = (lambda x: 1 + 0.8 * x - 0.2 * x**2), (lambda x: x + 0.5 * x**2)
+    df, dh, f2, h2, q, r = (lambda x: 0.8 - 0.4 * x), (lambda x: 1 + x), -0.4, 1.0, 0.3, 0.02
+    z = np.random.default_rng(3).normal(2.0, 1.0, (30, 1))
+    model = sigmax.Model(motion=lambda x, dt: f(x), sensor=h, Q=[q], R=[r])
+    own = sigmax.run(name, model, sigmax.Gaussian([1.0], [1.0]), z)
+    x, P = 1.0, 1.0
+    for k, (measured,) in enumerate(z):
+        known, more = 0.5 * f2 * P, 0.5 * (f2 * P) ** 2
+        ahead, before = f(x) + known, df(x) ** 2 * P + q + more  # an EKF of f + d and q + D
+        seen, doubt = 0.5 * h2 * before, 0.5 * (h2 * before) ** 2
+        K = before * dh(ahead) / (dh(ahead) ** 2 * before + r + doubt)
+        x, P = ahead + K * (measured - h(ahead) - seen), (1 - K * dh(ahead)) * before
+        assert abs(own.mean[k, 0] - x) < 1e-11 * np.sqrt(P)
+        assert abs(own.cov[k, 0, 0] / P - 1) < 1e-10

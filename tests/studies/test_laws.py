@@ -10,6 +10,7 @@ from sigmax import InputError
 from sigmax.reports.comparison import verdict
 from sigmax.studies.bank import bank
 from sigmax.studies.beforehand import yardsticks
+from sigmax.studies.claims import claims_of
 from sigmax.studies.measures import histogram, measures
 from sigmax.studies.particles import particles
 from sigmax.studies.simulate import draw
@@ -332,3 +333,20 @@ def test_the_wrong_study_is_refused_in_words():
         sigmax.compare(linear(filters={}), runs=10)
     with pytest.raises(InputError, match="unknown filter 'EKFF'"):
         sigmax.compare(linear(), ["EKFF"], runs=10)
+
+
+def test_largest_errors_are_those_of_the_runs_whatever_the_blocks():
+    """By hand over the drawn runs of two blocks; and where an estimate is no number, nothing is larger."""
+    study = linear(runs=300)
+    c = sigmax.compare(study, runs=300)
+    worst = np.zeros((study.steps, 2))
+    for block in (0, 1):
+        drawn = draw(study, 1, block)
+        runs = 256 if block == 0 else 300 - 256
+        work = Work(study, dict(study.filters), yardsticks(study, None), 1, False, None)
+        name = next(iter(study.filters))
+        off = np.abs(estimate(work, name, drawn).mean - drawn.truth)[:runs]
+        worst = np.maximum(worst, off.max(0))
+    np.testing.assert_allclose(c.measures[name].largest, worst, rtol=1e-12)
+    none = claims_of(np.full((1, 2, 1), np.nan), np.ones((1, 2, 1, 1)), np.zeros((1, 2, 1)), scalar().model.space)
+    assert np.isinf(none.largest).all()

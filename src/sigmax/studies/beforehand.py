@@ -15,7 +15,7 @@ from sigmax.running.backend import BACKENDS
 from sigmax.running.run import run
 from sigmax.studies.simulate import sizes
 from sigmax.studies.study import Study
-from sigmax.studies.sums import Yardsticks
+from sigmax.studies.sums import Sums, Yardsticks
 from sigmax.studies.work import OPTIMUM
 
 # Deviations of a prediction without any measurement beyond which a run counts as diverged.
@@ -89,8 +89,8 @@ def yardsticks(study: Study, backend: str | None) -> Yardsticks:
 
 def settings_of(study: Study, filters: Mapping[str, Filter], seed: int, N: int, backend: str | None) -> Any:
     """What the sums depend on; None where that cannot be told, so that they must not be used again."""
-    about = {k: v for k, v in vars(study).items() if k not in ("runs", "title", "about", "units", "filters")}
-    name = fingerprint("study", about, dict(filters), os.environ.get("SIGMAX_BACKEND"))
+    about = {k: v for k, v in vars(study).items() if k not in ("runs", "title", "about", "units", "filters", "groups")}
+    name = fingerprint("study", Sums._fields, about, dict(filters), os.environ.get("SIGMAX_BACKEND"))
     if name is None:
         return None
     return {"sigmax": version("sigmax"), "fingerprint": name, "seed": seed, "particles": N, "backend": backend}

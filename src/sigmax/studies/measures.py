@@ -41,6 +41,7 @@ class Measures(NamedTuple):
         outside: shares of the runs with the truth outside of the claimed 50 % and 95 % regions (2, T, n + 1), of the
             whole state and of each component.
         nis: mean of the normalised innovation squared (T,).
+        largest: the largest |e| over runs (T, n).
         lost: share of the runs lost by reason, and of all of them under "all".
         faults: how many steps had each fault, in the order of `Fault` (9,).
     """
@@ -57,6 +58,7 @@ class Measures(NamedTuple):
     far: float
     outside: np.ndarray
     nis: Bounded
+    largest: np.ndarray
     lost: dict[str, Figure]
     faults: np.ndarray
 
@@ -94,6 +96,7 @@ def measures(s: Sums) -> Measures:
         float(s.far / N),
         s.outside / N,
         _chi_square(s.nis, s.dof, s.plots),
+        s.largest,
         {name: _share(count, N) for name, count in zip((*LOST, "all"), (*s.lost, s.lost.sum()), strict=True)},
         s.faults,
     )

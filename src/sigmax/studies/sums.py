@@ -6,21 +6,17 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import chdtri
 
 from sigmax.algebra.arrays import outer, wrap
 from sigmax.running.step import Fault
 from sigmax.running.vectorized import totals
 from sigmax.spaces import Space, errors
+from sigmax.studies.claims import claims_of
 
 # Why a run is lost; the first that applies counts.
 LOST = ("failed", "mirrored", "diverged")
-# The regions that a filter claims to hold the truth with these probabilities: it is counted how often they do not.
-LEVELS = (0.5, 0.95)
 # A run is far off if its NEES, on average over its time, is so many times what is expected: errors twice as large.
 FAR_OFF = 4.0
-# A component that is claimed to be known exactly may be off by rounding, as a part of its size.
-_EXACT = 1e-9
 # Errors are counted in bins of asinh(e / δ), δ being this part of the limit: straight near 0, by a few per cent beyond.
 _FINE, _STEP, _BINS = 1e-5, 0.04, 800
 
@@ -79,6 +75,7 @@ class Sums(NamedTuple):
         lost: runs lost by reason (3,).
         faults: steps by fault, in the order of `Fault` (9,).
         bins: errors by bin at the times looked at (L, n, bins).
+        largest: max over runs of |e| (T, n), infinite where an error is not a number.
     """
 
     runs: np.ndarray
@@ -104,10 +101,12 @@ class Sums(NamedTuple):
     lost: np.ndarray
     faults: np.ndarray
     bins: np.ndarray
+    largest: np.ndarray
 
     def plus(self, other: "Sums") -> "Sums":
-        """The sums of both."""
-        return Sums(*(a + b for a, b in zip(self, other, strict=True)))
+        """Of both: the sums, and the largest of each."""
+        both = Sums(*(a + b for a, b in zip(self, other, strict=True)))
+        return both._replace(largest=np.maximum(self.largest, other.largest))
 
 
 def bin_edges(scale: np.ndarray) -> np.ndarray:
@@ -141,44 +140,6 @@ def _terms(space: Space) -> Callable[..., Any]:
     return terms
 
 
-class _Claims(NamedTuple):
-    """What a filter claims of its errors, by run and time.
-
-    Attributes:
-        nees: eᵀ P⁻¹ e (B, T).
-        known: its degrees of freedom (B, T).
-        outside: whether the truth is outside of the regions of `LEVELS` (2, B, T, n + 1).
-    """
-
-    nees: np.ndarray
-    known: np.ndarray
-    outside: np.ndarray
-
-
-def _claims(found: Estimated, truth: np.ndarray, space: Space) -> _Claims:
-    n = space.dim
-    e, S = errors(space, found.mean, truth), np.tril(found.factor)
-    size = np.abs(truth) if space.flat else np.zeros_like(e)
-    variances = np.einsum("btij,btij->bti", S, S)
-    whitened: list[np.ndarray] = []
-    wrong = np.zeros(e.shape, bool)
-    for k in range(n):
-        rest = e[..., k] - sum((S[..., k, c] * w for c, w in enumerate(whitened)), np.zeros(e.shape[:-1]))
-        exact = ~(S[..., k, k] > 0)
-        # One that is known exactly counts for nothing in the NEES, but it must be right.
-        wrong[..., k] = exact & ~(np.abs(rest) <= _EXACT * (1.0 + size[..., k]))
-        whitened.append(np.where(exact, 0.0, rest / np.where(exact, 1.0, S[..., k, k])))
-    nees = sum((w * w for w in whitened), np.zeros(e.shape[:-1]))
-    known = np.count_nonzero(np.einsum("btii->bti", S) > 0, axis=-1)
-    single = np.where(variances > 0, e**2 / np.where(variances > 0, variances, 1.0), 0.0)
-    outside = []
-    for level in LEVELS:
-        reach = np.array([0.0, *chdtri(np.arange(1, n + 1), 1 - level)])
-        whole = ~(nees <= reach[known]) | wrong.any(-1)
-        outside.append(np.concatenate([whole[..., None], ~(single <= reach[1]) | wrong], axis=-1))
-    return _Claims(nees, known, np.array(outside))
-
-
 def _whole(triangle: np.ndarray, n: int) -> np.ndarray:
     """Symmetric matrices (T, n, n) of lower triangles (T, n (n + 1) / 2)."""
     full = np.empty((len(triangle), n, n))
@@ -203,7 +164,7 @@ def summed(
     B, n, space = len(truth), by.space.dim, by.space
     given = (found.mean, found.factor, truth, found.nis, np.asarray(found.dof, float))
     e, ee, e4, P, p2, e2p, nis, nis2, dof, plots = totals(_terms(space), *given, backend=backend)
-    claims = _claims(found, truth, space)
+    claims = claims_of(found.mean, found.factor, truth, space)
     by_run = claims.nees.sum(1) / np.maximum(claims.known.sum(1), 1)
     by_time = (claims.nees.sum(0), (claims.nees**2).sum(0), claims.known.sum(0))
     near = errors(space, found.mean[:, by.look], truth[:, by.look])
@@ -238,6 +199,7 @@ def summed(
         lost=lost,
         faults=faults,
         bins=bins,
+        largest=claims.largest,
     )
 
 

@@ -76,6 +76,8 @@ def summary(c: Comparison) -> dict[str, Any]:
         "rmse_error": {name: by_component(m.rmse.error) for name, m in c.measures.items()},
         "median": {name: looked(m.median.value) for name, m in c.measures.items()},
         "median_error": {name: looked(m.median.error) for name, m in c.measures.items()},
+        "largest_error": {name: by_component(m.largest) for name, m in c.measures.items()},
+        "real_over_claimed_error": {name: by_component(m.ratio.error) for name, m in c.measures.items()},
         "real_over_claimed": {name: by_component(m.ratio.value) for name, m in c.measures.items()},
         "nees": {name: _by_time(m.nees.value, times) for name, m in c.measures.items()},
         "outside_95": {name: _by_time(m.outside[1, :, 0], times) for name, m in c.measures.items()},
@@ -95,6 +97,9 @@ def summary(c: Comparison) -> dict[str, Any]:
         "distance_of_medians": {name: _number(s.middle) for name, s in found.items()},
         "distance_to": "optimum" if c.optimum is not None else "best",
         "optimum": None if c.optimum is None else by_component(c.optimum.limit.rmse.value),
+        "optimum_real_over_claimed": None
+        if c.optimum is None
+        else {"value": by_component(c.optimum.limit.ratio.value), "error": by_component(c.optimum.limit.ratio.error)},
         "bound": None if c.bound is None else by_component(c.bound),
         "no_bound": c.no_bound or None,
         **(c.study.extra() if c.study.extra is not None else {}),
@@ -151,6 +156,7 @@ def measures_table(c: Comparison) -> pd.DataFrame:
         columns |= {"median": median[0].ravel(), "median_error": median[1].ravel()}
         columns["real_std"] = np.sqrt(np.einsum("tii->ti", m.real)).ravel()
         columns["claimed_std"] = np.sqrt(np.einsum("tii->ti", m.claimed)).ravel()
+        columns["largest_error"] = m.largest.ravel()
         columns["outside_95"] = m.outside[1, :, 1:].ravel()
         columns["outside_95_whole"] = np.repeat(m.outside[1, :, 0], n)
         for measure in ("nees", "nis"):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sigmax.reports.shares import outside_if, share_bounds
-from sigmax.studies.sums import LEVELS
+from sigmax.studies.claims import LEVELS
 
 # All assertions on one filter in one study are right together with this probability, for any number of runs.
 CERTAIN = 0.9999

@@ -13,6 +13,7 @@ from sigmax.reports.comparison.figures import (
     histogram_figures,
     label,
     shade,
+    shown_unit,
 )
 from sigmax.reports.comparison.grouped import cost_figures, group_choices
 from sigmax.reports.comparison.standing import FAR, Standing, Word, standings
@@ -170,8 +171,21 @@ def _histograms(c: Comparison, mark: str) -> str:
     return section(
         "Errors and what is claimed",
         "How the errors are distributed over the runs, and the Gaussian of the mean covariance that the filter claims.",
-        asked + place(f"{mark}histogram", f"{mark}histogram/{{filter}}/{{component}}/{{time}}"),
+        asked + place(f"{mark}histogram", f"{mark}histogram/{{filter}}/{{component}}/{{time}}") + _largest(c),
     )
+
+
+def _largest(c: Comparison) -> str:
+    """The largest error of all runs and times, with the time at which it was made."""
+    rows = []
+    for name, m in c.measures.items():
+        steps = m.largest.argmax(axis=0)
+        cells = [
+            small(significant(float(shown_unit(c, i)[0] * m.largest[k, i])), f"{c.study.time[k]:g} s")
+            for i, k in enumerate(steps)
+        ]
+        rows.append([_named(c, name), *cells])
+    return table(["largest error", *(label(c, i) for i in range(c.study.model.dim))], rows)
 
 
 def _lost(c: Comparison) -> str:

@@ -191,6 +191,20 @@ def facet(k: int, c: Comparison) -> str:
     return names[0] if len(names) == 1 else names[k - 1] if k else "the whole state"
 
 
+def _of_the_optimums_claim(m: Measures) -> str:
+    """G / G~ of the optimum, which is 1 (Stepanov et al., (44)), at the step where it is farthest from it."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        away = np.abs(m.ratio.value - 1) / m.ratio.error
+    if not np.isfinite(away).any():
+        return ""
+    k, i = np.unravel_index(np.nanargmax(np.where(np.isfinite(away), away, np.nan)), away.shape)
+    at = [significant(float(of[k, i]), digits) for of, digits in ((m.ratio.value, 3), (m.ratio.error, 2))]
+    return (
+        f" Its real variances are {significant(float(np.nanmean(m.ratio.value)), 3)} of the claimed on average, where "
+        f"1 is the truth of an optimum; farthest from it at step {k + 1}: {at[0]} ± {at[1]}."
+    )
+
+
 def _about_the_optimum(c: Comparison) -> str:
     assert c.optimum is not None
     o = c.optimum
@@ -202,6 +216,7 @@ def _about_the_optimum(c: Comparison) -> str:
     said = (
         f"The optimum is that of {2 * o.particles} {kind} over {o.check.runs} runs; with half as many its errors "
         + ("are the same to 0.5 %." if abs(moved - 1) < 0.005 else f"are {significant(moved)} times as large.")
+        + _of_the_optimums_claim(o.limit)
     )
     short = 1 - distance(np.sqrt(_variances(o.check)), np.sqrt(_variances(o.limit))) ** 2
     if abs(short) >= 0.005:
