@@ -29,7 +29,7 @@ import numpy as np
 import sigmax
 from sigmax import Bias, Filter, Gaussian, Model
 from sigmax.rules.linearization import Function, Linearization, Rule
-from sigmax.running import lanes
+from sigmax.running import native_engine
 from sigmax.running.lowered import lowered
 from sigmax.running.prepare import Prepared, prepare
 
@@ -111,7 +111,7 @@ def contenders() -> dict[str, Filter]:
 def seconds(ready: Prepared) -> float:
     """Processor time of a record: others that run on the machine do not count."""
     begun = time.process_time()
-    lanes.filtered(frozenset(), ready)
+    native_engine.filtered(frozenset(), ready)
     return time.process_time() - begun
 
 

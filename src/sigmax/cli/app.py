@@ -186,6 +186,24 @@ def studies_command() -> None:
     print_studies()
 
 
+@app.command("papers")
+def papers_command(
+    paper: Annotated[
+        str | None, typer.Argument(help="One of them; without it their names.", show_default=False)
+    ] = None,
+) -> None:
+    """List the papers that the filters come from, or the rows of one: what shows each, and what comes of it.
+
+    Example: sigmax papers sobolev
+    """
+    from sigmax.cli.papers import print_paper, print_papers
+
+    if paper is None:
+        print_papers()
+    else:
+        print_paper(paper)
+
+
 export = typer.Typer(help="Write a filter out as source code.", no_args_is_help=True, rich_markup_mode=None)
 app.add_typer(export, name="export")
 

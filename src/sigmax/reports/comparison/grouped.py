@@ -37,6 +37,17 @@ def relative_picture(c: Comparison) -> Any:
     return _columns(c, lambda name, i: over_first(c, name, i), lambda i: f"{c.study.model.deviations[i]} / {first}")
 
 
+def within_picture(c: Comparison) -> Any:
+    """RMSE divided by that of the first filter of the group, a column for each group."""
+    firsts = {name: names[0] for names in groups(c).values() for name in names}
+
+    def curve(name: str, i: int) -> np.ndarray:
+        value: np.ndarray = over_first(c, name, i) / over_first(c, firsts[name], i)
+        return value
+
+    return _columns(c, curve, lambda i: f"{c.study.model.deviations[i]} / first")
+
+
 def _columns(c: Comparison, curve: Callable[[str, int], np.ndarray], title: Callable[[int], str]) -> Any:
     shown, n = groups(c), c.study.model.dim
     size = (1.2 + 4.6 * len(shown), 1.4 + 1.7 * n)

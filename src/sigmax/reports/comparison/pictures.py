@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.ticker import LogFormatter
 
 from sigmax.reports.comparison.figures import label, named, reach, readable, shade, shown_unit
-from sigmax.reports.comparison.grouped import cost_picture, errors_picture, relative_picture
+from sigmax.reports.comparison.grouped import cost_picture, errors_picture, relative_picture, within_picture
 from sigmax.reports.comparison.labels import placed
 from sigmax.reports.comparison.standing import Standing
 from sigmax.reports.comparison.trade import symbol
@@ -26,7 +26,7 @@ _STYLES = ("-", "--", ":", "-.")
 
 
 def pictures(folder: Path, c: Comparison, found: Sequence[Standing]) -> None:
-    """Write rmse, relative, cost, consistency, histograms, trade and groups of filters, each as PNG and SVG."""
+    """Write rmse, relative, cost, consistency, histograms, trade and groups, each as PNG and SVG."""
     folder.mkdir(parents=True, exist_ok=True)
     drawn: dict[str, Callable[[], Any]] = {
         "rmse": lambda: _rmse(c),
@@ -37,7 +37,7 @@ def pictures(folder: Path, c: Comparison, found: Sequence[Standing]) -> None:
         "trade": lambda: _trade(c, found),
     }
     if c.study.groups:
-        drawn["groups"] = lambda: errors_picture(c)
+        drawn |= {"groups": lambda: errors_picture(c), "within": lambda: within_picture(c)}
     with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "sigmax"}):
         for name, draw in drawn.items():
             figure = draw()
