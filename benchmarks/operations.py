@@ -2,8 +2,8 @@
 
 python benchmarks/operations.py [STUDY] [FILTER …]     without filters those of the study, sobolev-cost without a study
 
-Prediction, correction by all sensors, both, and both divided by the EKF's. Nothing is compiled or run. Processors do several
-of these at a time, so that times follow them roughly.
+Prediction, correction by all sensors, both, and both divided by the EKF's. Nothing is compiled or run. Processors do
+several of these at a time, so that times follow them roughly.
 """
 
 import sys

@@ -408,3 +408,29 @@ def test_so_is_one_with_parameters(name):
     copied = pickle.loads(pickle.dumps(made))
     assert copied == made
     assert copied != sigmax.get(name)
+
+
+@pytest.mark.parametrize("name", ["EIF", "SREIF", "SRCKFB", "TSCIF"])
+def test_the_information_pair_is_that_of_the_covariance(name):
+    """Against NumPy's inverse; batches, live, and with a bias in the filter, which is not in the pair."""
+    rng = np.random.default_rng(5)
+    walk = sigmax.motions.constant_velocity()
+    bias = sigmax.Bias(sensor=np.eye(2), prior=sigmax.Gaussian([0.0, 0.0], [4.0, 4.0]))
+    model = sigmax.Model(
+        motion=walk,
+        sensor=lambda x: x[:2],
+        Q=walk.noise(0.1),
+        R=[1.0, 2.0],
+        bias=bias if name.startswith("TS") else None,
+    )
+    z = rng.normal(size=(3, 6, 2))
+    prior = sigmax.Gaussian(np.zeros(4), np.eye(4))
+    found = sigmax.run(name, model, prior, z)
+    y, Y = found.information
+    np.testing.assert_allclose(Y, np.linalg.inv(found.cov), rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(np.einsum("btij,btj->bti", found.cov, y), found.mean, atol=1e-9)
+    live = sigmax.Live(name, model, prior)
+    for one in z[0]:
+        live.step(one, 1.0)
+    np.testing.assert_allclose(live.information[0], y[0, -1], rtol=1e-9)
+    np.testing.assert_allclose(live.information[1], Y[0, -1], rtol=1e-9)

@@ -65,7 +65,7 @@ def test_a_study_of_ones_own_from_the_command_line(folder):
         "figures",
         "sums.npz",
     }
-    names = {"rmse", "consistency", "histograms", "trade"}
+    names = {"rmse", "relative", "cost", "consistency", "histograms", "trade"}
     assert {p.name for p in (inside / "figures").iterdir()} == {f"{n}.{kind}" for n in names for kind in ("png", "svg")}
     summary = json.loads((inside / "summary.json").read_text())
     assert set(summary["rmse"]) == set(summary["lost"]) == set(summary["relative_cost"]) == {"EKF", "SRCKFB"}
@@ -197,6 +197,7 @@ def test_the_page_in_a_browser(width, compared, tmp_path):
         "curves": "curves/bias/0",
         "consistency": "consistency/nis",
         "histogram": "histogram/1/0/3",
+        "cost": "cost/0",
     }
     assert all(right <= width for *_, right in seen["drawn"])
 
@@ -219,5 +220,5 @@ def test_several_studies_make_one_page(compared, tmp_path):
     seen = opened(html, 1200, tmp_path, "")
     assert seen["problems"] == []
     assert {name for name, *_ in seen["drawn"]} == {
-        f"{k}/{name}" for k in range(2) for name in ("trade", "curves", "consistency", "histogram")
+        f"{k}/{name}" for k in range(2) for name in ("trade", "curves", "consistency", "histogram", "cost")
     }

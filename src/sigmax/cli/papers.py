@@ -30,5 +30,7 @@ def print_paper(name: str) -> None:
     table.add_column("command or call", ratio=3, overflow="fold")
     table.add_column("verdict, with our figure", ratio=4)
     for row in found:
-        table.add_row(escape(row.row), escape("\n".join(row.commands) or row.how), escape(row.verdict.replace("**", "")))
+        table.add_row(
+            escape(row.row), escape("\n".join(row.commands) or row.how), escape(row.verdict.replace("**", ""))
+        )
     Console().print(table, highlight=False)

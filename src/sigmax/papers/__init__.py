@@ -49,4 +49,5 @@ def rows(paper: str) -> list[Row]:
         InputError: for a paper that is not known.
     """
     lines = [line for line in table(paper).splitlines() if line.startswith("|")]
-    return [Row(*(cell.strip() for cell in line.strip("|").split(" | "))) for line in lines[2:]]
+    cells = [re.split(r"(?<!\\)\|", line.strip()[1:-1]) for line in lines[2:]]
+    return [Row(*(cell.strip().replace(r"\|", "|") for cell in row)) for row in cells]

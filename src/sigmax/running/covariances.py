@@ -22,6 +22,17 @@ def covariances(S: Any) -> Any:
     return P
 
 
+def lower_inverse(array: Any, S: Any) -> Any:
+    """The inverses of lower factors (…, n, n) in NumPy or JAX; infinite where a diagonal is 0."""
+    n = S.shape[-1]
+    rows: list[Any] = []
+    for i in range(n):
+        unit = array.broadcast_to(array.eye(n, dtype=S.dtype)[i], (*S.shape[:-2], n))
+        known = sum((S[..., i, k, None] * rows[k] for k in range(i)), 0.0 * unit)
+        rows.append((unit - known) / S[..., i, i, None])
+    return array.stack(rows, -2)
+
+
 @cache
 def _compiled(dtype: np.dtype[Any]) -> bool:
     if compiler() is None or dtype not in (np.float32, np.float64):

@@ -73,6 +73,12 @@ class LiveEstimate:
         return self._root_of_squares(self._deviations[0])
 
     @property
+    def information(self) -> tuple[np.ndarray, np.ndarray]:
+        """The information pair y = Y x (n,) and Y = P⁻¹ (n, n), or (B, n) and (B, n, n): see `Result.information`."""
+        pair: tuple[np.ndarray, np.ndarray] = self._course.at(self._course.time, None).information
+        return pair
+
+    @property
     def probability(self) -> np.ndarray:
         """Probabilities of the modes (M,) or (B, M), in the order of the model's."""
         if not isinstance(self.model, SwitchingModel):

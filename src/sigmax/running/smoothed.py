@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from sigmax.errors import InputError
 from sigmax.models.checks import by_name, is_traced, numbers
 from sigmax.running import presentation
-from sigmax.running.covariances import covariances
+from sigmax.running.covariances import covariances, lower_inverse
 from sigmax.running.layout import Layout
 from sigmax.running.presentation import series
 from sigmax.running.step import Fault
@@ -92,6 +92,25 @@ class Smoothed:
         """Standard deviations (…, T, n)."""
         S = self._rows(self.layout.deviations[0])
         return (S * S).sum(-1) ** 0.5
+
+    @property
+    def information(self) -> tuple[Any, Any]:
+        """The information pair y = Y x (…, T, n) and Y = P⁻¹ (…, T, n, n), from the factor; of the state alone.
+
+        Not finite where a component is known exactly. n³ operations a step, when asked for.
+
+        Raises:
+            InputError: in a curved space, where an estimate is no vector.
+        """
+        mean, S = self.mean, self.factor
+        if mean.shape[-1] != S.shape[-1]:
+            raise InputError("an information vector is for flat spaces; this state has attitudes, directions or poses")
+        array = self._array()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            root = lower_inverse(array, S)
+            return array.einsum("...ki,...k->...i", root, array.einsum("...ij,...j->...i", root, mean)), (
+                root.swapaxes(-1, -2) @ root
+            )
 
     @property
     def bias(self) -> tuple[str, ...]:

@@ -149,6 +149,7 @@ def _compared(
         None if totals.told is None else bound(study, totals.told),
         no_bound,
         prepared,
+        {} if study.extra is None else study.extra(),
         time.perf_counter() - begun,
         (*((note,) if note else ()), *_folding(study, chosen)),
     )

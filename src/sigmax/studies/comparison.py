@@ -1,6 +1,7 @@
 """What a study says."""
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,6 +49,7 @@ class Comparison(NamedTuple):
         bound: the least RMSE (T, n) by the posterior Cramér–Rao bound, or None.
         no_bound: why there is none.
         prepared: seconds that the first run took longer than the others, by filter: tracing and compiling.
+        extra: what the study finds at its end besides, for the summary.
         seconds: how long it all took.
         notes: what else is to be known, as that former sums could not be used.
     """
@@ -66,6 +68,7 @@ class Comparison(NamedTuple):
     bound: np.ndarray | None
     no_bound: str
     prepared: dict[str, float]
+    extra: Mapping[str, Any]
     seconds: float
     notes: tuple[str, ...] = ()
 

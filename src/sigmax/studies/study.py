@@ -26,6 +26,10 @@ _ROOM, _RUNS, _FEWEST = 6_000_000, 256, 8
 _PARTICLES = 1_000_000
 
 
+# By title: values by label, for each series.
+Charts = Mapping[str, Mapping[str, Mapping[str, float]]]
+
+
 @dataclass(frozen=True, eq=False)
 class Study:
     """A scenario with what is to be compared on it.
@@ -67,6 +71,7 @@ class Study:
         units: of the components of the state, "" where unknown; angles are radians.
         about: sentences for the report.
         extra: what else the summary is to hold, found once at the end.
+        charts: of `extra`, for the page: title of a chart -> series -> value by label.
     """
 
     name: str
@@ -94,6 +99,7 @@ class Study:
     units: Sequence[str] = ()
     about: Sequence[str] = ()
     extra: Callable[[], Mapping[str, Any]] | None = None
+    charts: Callable[[Mapping[str, Any]], Charts] | None = None
     apart: Model | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:

@@ -91,6 +91,9 @@ def summary(c: Comparison) -> dict[str, Any]:
             name: {"predict": _number(cost.relative[0]), "update": _number(cost.relative[1])}
             for name, cost in c.costs.items()
         },
+        "step_seconds": {
+            name: {"predict": _number(cost.predict), "update": _number(cost.update)} for name, cost in c.costs.items()
+        },
         "evaluations": {name: list(cost.evaluations) for name, cost in c.costs.items()},
         "compile_seconds": {name: _number(seconds) for name, seconds in c.prepared.items()},
         "distance": {name: _number(s.distance) for name, s in found.items()},
@@ -102,7 +105,7 @@ def summary(c: Comparison) -> dict[str, Any]:
         else {"value": by_component(c.optimum.limit.ratio.value), "error": by_component(c.optimum.limit.ratio.error)},
         "bound": None if c.bound is None else by_component(c.bound),
         "no_bound": c.no_bound or None,
-        **(c.study.extra() if c.study.extra is not None else {}),
+        **c.extra,
         "versions": versions(),
     }
 

@@ -7,8 +7,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from sigmax.reports.comparison.figures import label, over_first, reach, readable, shade, shown_unit
-from sigmax.reports.figures.draw import Figure, plain, safe
+from sigmax.reports.figures.draw import Figure, colour, plain, safe
 from sigmax.studies import Comparison
+from sigmax.studies.study import Charts
 
 # Parts of a step, as `Cost.relative` has them, and how dark they are drawn.
 PARTS = {"predict": 0.4, "correct": 0.7, "total": 1.0}
@@ -106,6 +107,26 @@ def cost_figures(c: Comparison) -> dict[str, Figure]:
         layout: Figure = {"barmode": "group", "height": 380, "shapes": [level]}
         made[f"cost/{k}"] = {"data": bars, "layout": layout | {"yaxis": {"title": {"text": "time / EKF's"}}}}
     return made
+
+
+def chart_figures(charts: Charts) -> dict[str, Figure]:
+    """Bars of what a study finds besides, under "chart/{number}"."""
+    return {
+        f"chart/{k}": {
+            "data": [
+                {
+                    "type": "bar",
+                    "name": name,
+                    "x": [safe(label) for label in values],
+                    "y": plain(list(values.values())),
+                    "marker": {"color": colour(place)},
+                }
+                for place, (name, values) in enumerate(series.items())
+            ],
+            "layout": {"barmode": "group", "height": 360, "yaxis": {"title": {"text": safe(title)}}},
+        }
+        for k, (title, series) in enumerate(charts.items())
+    }
 
 
 def group_choices(c: Comparison) -> Sequence[tuple[str, str]]:

@@ -15,7 +15,7 @@ from sigmax.reports.comparison.figures import (
     shade,
     shown_unit,
 )
-from sigmax.reports.comparison.grouped import cost_figures, group_choices
+from sigmax.reports.comparison.grouped import chart_figures, cost_figures, group_choices
 from sigmax.reports.comparison.standing import FAR, Standing, Word, standings
 from sigmax.reports.comparison.trade import trade_figure
 from sigmax.reports.comparison.verdict import RULES, facet, times, verdict
@@ -37,6 +37,7 @@ from sigmax.reports.figures.draw import Figure
 from sigmax.reports.folder import versions
 from sigmax.reports.verdict import significant
 from sigmax.studies import Comparison, Measures
+from sigmax.studies.study import Charts
 from sigmax.studies.sums import LOST
 
 
@@ -66,6 +67,9 @@ def _one(c: Comparison, mark: str) -> tuple[list[str], dict[str, Figure]]:
         figures |= histogram_figures(c) | cost_figures(c)
         sections += [_trade(found, mark), _curves(c, mark), _consistency(c, mark), _histograms(c, mark)]
         sections += [_lost(c), _cost(c, mark)]
+    if c.study.charts is not None:
+        figures |= chart_figures(c.study.charts(c.extra))
+        sections.append(_charts(c.study.charts(c.extra), mark))
     sections.append(_settings(c))
     return sections, figures
 
@@ -215,6 +219,7 @@ def _cost(c: Comparison, mark: str) -> str:
                 _named(c, name),
                 *(significant(float(v)) for v in cost.relative),
                 f"{1e6 * (cost.predict + cost.update):.3f} µs",
+                f"{significant((cost.predict + cost.update) * c.study.steps * c.runs, 2)} s",
                 calls,
                 f"{c.prepared.get(name, 0.0):.2f} s",
             ]
@@ -222,12 +227,17 @@ def _cost(c: Comparison, mark: str) -> str:
     return section(
         "Cost",
         "Time of prediction, correction and both, divided by the EKF's, all filters taking turns; a step of one track "
-        "in a large batch; evaluations of motion + sensor in a step, of the part that is evaluated most often "
-        "(derivatives in a direction count as one).",
-        table(["filter", "predict", "correct", "total", "a step", "evaluations", "compiled in"], rows)
+        "in a large batch, and all steps of all runs at that pace; evaluations of motion + sensor in a step, of the "
+        "part that is evaluated most often (derivatives in a direction count as one).",
+        table(["filter", "predict", "correct", "total", "a step", "all runs", "evaluations", "compiled in"], rows)
         + choices(("group", "filters", group_choices(c), "0"))
         + place(f"{mark}cost", f"{mark}cost/{{group}}"),
     )
+
+
+def _charts(charts: Charts, mark: str) -> str:
+    asked = choices(("chart", "show", [(str(k), title) for k, title in enumerate(charts)], "0"))
+    return section(", ".join(charts), "", asked + place(f"{mark}chart", f"{mark}chart/{{chart}}"))
 
 
 def _settings(c: Comparison) -> str:
