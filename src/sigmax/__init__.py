@@ -34,6 +34,7 @@ _HOME = {
         "pose2",
         "pose3",
         "rotation",
+        "sde",
         "sensors",
     ),
     "sigmax.models.builtin": ("builtin",),
@@ -72,6 +73,7 @@ if TYPE_CHECKING:
         pose2,
         pose3,
         rotation,
+        sde,
         sensors,
     )
     from sigmax.models.builtin import builtin
@@ -115,6 +117,7 @@ __all__ = [
     "rules",
     "run",
     "running",
+    "sde",
     "sensors",
     "smooth",
     "spaces",

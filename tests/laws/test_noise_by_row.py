@@ -35,7 +35,7 @@ def test_every_filter_is_the_kalman_filter_with_the_noise_of_each_row(name):
         assert off_cov < 1e-9
 
 
-@pytest.mark.parametrize("backend", ["native", "xla"])
+@pytest.mark.parametrize("backend", ["native", pytest.param("xla", marks=pytest.mark.slow)])
 def test_variances_covariances_and_batches_are_one(backend):
     p, rng = linear(), np.random.default_rng(1)
     variances = 10 ** rng.uniform(-2, 1, (2, len(p.z), p.m))

@@ -11,6 +11,7 @@ from sigmax.models.imm import imm
 from sigmax.models.model import Model
 from sigmax.models.opaque import opaque
 from sigmax.models.parts import Motion, Sensor
+from sigmax.models.sde import sde
 from sigmax.models.switching import SwitchingModel
 from sigmax.models.terrain import Elevation, inertial_errors, radio_altimeter
 
@@ -36,6 +37,7 @@ __all__ = [
     "pose3",
     "radio_altimeter",
     "rotation",
+    "sde",
     "sensors",
     "with_derivatives",
 ]

@@ -63,7 +63,10 @@ _MESSAGES = {
         f"the predicted covariance was indefinite by negative weights; done without them; {_POSITIVE}"
     ),
     Fault.NONE: "sound",
-    Fault.MOTION_NOT_FINITE: "the motion gave a state or a derivative that is not finite",
+    Fault.MOTION_NOT_FINITE: (
+        "the motion gave a state or a derivative that is not finite; one made by sde says so, too, of an interval that "
+        "is too long for its steps="
+    ),
     Fault.MOTION_NOISE_INDEFINITE: (
         "Q is not positive semidefinite at this step; its function gave a negative variance, "
         "or a covariance larger than its variances allow"
