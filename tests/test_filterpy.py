@@ -6,6 +6,7 @@ import pytest
 import sigmax
 from sigmax import filterpy as ours
 from sigmax.filterpy import compiled, steps
+from sigmax.filterpy.whole import Whole
 from sigmax.native.calls import extension
 
 N, M = 3, 2
@@ -79,16 +80,18 @@ def test_a_compiled_step_is_the_step_of_numpy(make, monkeypatch):
             k.update(Z[0])
         return found
 
+    whole_steps = stepped()
+    monkeypatch.setattr(Whole, "__call__", lambda *given: NotImplemented)
     kept = compiled.predicting, compiled.correcting
     calls = []
     monkeypatch.setattr(steps, "predicting", lambda *shapes: calls.append(shapes) or kept[0](*shapes))
-    fast = stepped()
+    small_parts = stepped()
     assert calls
     assert extension() is None or None not in [*map(kept[0], *zip(*calls, strict=True))]
     monkeypatch.setattr(steps, "predicting", lambda *shapes: None)
     monkeypatch.setattr(steps, "correcting", lambda *shapes: None)
-    for one, other in zip(fast, stepped(), strict=True):
-        for a, b in zip(one, other, strict=True):
+    for fast, slow in zip((*whole_steps, *small_parts), (*stepped(), *stepped()), strict=True):
+        for a, b in zip(fast, slow, strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
 
 
@@ -342,8 +345,9 @@ def test_a_missing_component_is_left_out():
     assert part.z is None
 
 
-def test_functions_are_called_with_all_points_at_once_where_they_allow_it():
+def test_functions_are_called_with_all_points_at_once_where_they_allow_it(monkeypatch):
     """The same numbers, for a function that cannot take many points and one that would answer wrongly."""
+    monkeypatch.setattr(Whole, "__call__", lambda *given: NotImplemented)
     shapes = []
 
     def together(x, dt):
@@ -419,7 +423,11 @@ def test_points_drawn_by_a_class_of_the_user_are_those_it_draws():
     assert np.abs(wide.P - plain.P).max() > 1e-3
 
 
-def test_functions_given_with_a_call_are_not_kept_for_ever_and_need_no_hash():
+@pytest.mark.parametrize("whole", [True, False])
+def test_functions_given_with_a_call_are_not_kept_for_ever_and_need_no_hash(whole, monkeypatch):
+    if not whole:
+        monkeypatch.setattr(Whole, "__call__", lambda *given: NotImplemented)
+
     class Sensor:
         __hash__ = None
 
@@ -437,8 +445,8 @@ def test_functions_given_with_a_call_are_not_kept_for_ever_and_need_no_hash():
         other.update(z)
         other.update(z)
     np.testing.assert_allclose(k.x, other.x, rtol=1e-12)
-    assert len(k._calls) <= 8
-    assert len(other._calls) == 2
+    assert max(len(k._calls), len(k._recent.found)) <= 8
+    assert len(other._recent.found) == 2 if whole else len(other._calls) == 2
 
 
 @pytest.mark.parametrize("hx", [lambda x: x[:2] * np.nan, lambda x: np.sqrt(x[:2] - 100.0)])

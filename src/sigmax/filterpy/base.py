@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.filterpy import steps
+from sigmax.filterpy import half_steps, steps
 from sigmax.filterpy.compiled import Corrected, Predicted
 from sigmax.models.checks import numbers
 
@@ -82,7 +82,7 @@ class Base:
 
     def _factor(self) -> np.ndarray:
         """The factor of P: the one that made P, or a new one where P was set by the user."""
-        return self._kept["P"].factor(matrix("P", self.P, self.dim_x))
+        return self._noise_factor("P", self.P, self.dim_x)
 
     def _density(self, y: np.ndarray) -> float:
         """The logarithm of the density of an innovation y (m,) by the last S."""
@@ -93,7 +93,33 @@ class Base:
         return float(-0.5 * (w @ w + len(w) * np.log(2 * np.pi)) - determinant)
 
     def _noise_factor(self, name: str, given: Any, n: int) -> np.ndarray:
-        return self._kept[name].factor(matrix(name, given, n))
+        kept = self._kept[name]
+        if given is kept.of and given.tobytes() == kept.content:
+            return kept.made
+        found = kept.factor(matrix(name, given, n))
+        if type(given) is np.ndarray and given.dtype == float and given.shape == (n, n):
+            kept.of = given
+        return found
+
+    def _linear_prediction(self, F: Any, Q: Any = None) -> bool:
+        """Predict by F in one compiled call; False where there is none."""
+        S, Lq = self._factor(), self._noise_factor("Q", self.Q if Q is None else Q, self.dim_x)
+        made = half_steps.MOVING(self.x, S, Lq, F)
+        if made is NotImplemented or not made.sound:
+            return False
+        self._take_prediction(made)
+        return True
+
+    def _take_prediction(self, made: Any) -> None:
+        """What a compiled prediction gives."""
+        self.x, S, self.P, self.x_prior, self.P_prior, _, _ = made
+        self._kept["P"].keep(self.P, S)
+
+    def _take_correction(self, made: Any) -> None:
+        """What a compiled correction gives."""
+        self.x, S, self.P, self.x_post, self.P_post, self.z, self.y, self.K, w, Sy, self.S, _, _, _ = made
+        self._whitened, self._innovation_factor = w, Sy
+        self._kept["P"].keep(self.P, S)
 
     def _hold(self, x: np.ndarray, S: np.ndarray, P: np.ndarray) -> None:
         self.x, self.P = x.reshape(np.shape(self.x)), P

@@ -59,14 +59,14 @@ Shape = tuple[int, ...]
 @lru_cache(maxsize=128)
 def predicting(E: Shape, N: Shape, D: Shape, Lq: Shape) -> Callable[..., Predicted] | None:
     """The prediction for arrays of these shapes, None where it should not or cannot be compiled."""
-    made: Callable[..., Predicted] | None = _bound(_predicted, (E, N, D, Lq), Predicted)
+    made: Callable[..., Predicted] | None = _bound(predicted, (E, N, D, Lq), Predicted)
     return made
 
 
 @lru_cache(maxsize=128)
 def correcting(S: Shape, E: Shape, N: Shape, D: Shape, Lr: Shape, y: Shape) -> Callable[..., Corrected] | None:
     """The correction for arrays of these shapes, None as in `predicting`."""
-    made: Callable[..., Corrected] | None = _bound(_corrected, (S, E, N, D, Lr, y), Corrected)
+    made: Callable[..., Corrected] | None = _bound(corrected, (S, E, N, D, Lr, y), Corrected)
     return made
 
 
@@ -87,14 +87,16 @@ def _line(slope: jax.Array, residual: jax.Array, deficit: jax.Array) -> Lineariz
     return Linearization(jnp.zeros(len(slope)), slope, residual, deficit)
 
 
-def _predicted(slope: jax.Array, residual: jax.Array, deficit: jax.Array, Lq: jax.Array) -> Predicted:
+def predicted(slope: jax.Array, residual: jax.Array, deficit: jax.Array, Lq: jax.Array) -> Predicted:
+    """The prediction by a line (see `steps.Line`) and a factor of the noise, to be compiled."""
     made = predict(_line(slope, residual, deficit), Lq)
     return Predicted(made.factor, square(made.factor), _number(made.sound, made.factor))
 
 
-def _corrected(
+def corrected(
     S: jax.Array, slope: jax.Array, residual: jax.Array, deficit: jax.Array, Lr: jax.Array, y: jax.Array
 ) -> Corrected:
+    """The correction of S Sᵀ by a line, a factor of the noise and an innovation, to be compiled."""
     noise, exists = noise_factor(_line(slope, residual, deficit), Lr)
     # S may have more columns than rows.
     Sy, cross, rest = absorb(noise, slope, S)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.filterpy import steps
+from sigmax.filterpy import half_steps, steps
 from sigmax.filterpy.base import Base, matrix, measured
 from sigmax.filterpy.compiled import Predicted
 
@@ -47,7 +47,8 @@ class KalmanFilter(Base):
 
     def predict(self, u: Any = None, B: Any = None, F: Any = None, Q: Any = None) -> None:
         """Move the state on: x ← F x + B u, P ← α² F P Fᵀ + Q."""
-        self._predicted(*self._moved(u, B, F, Q))
+        if u is not None or self._fading != 1 or not self._linear_prediction(self.F if F is None else F, Q):
+            self._predicted(*self._moved(u, B, F, Q))
 
     def get_prediction(self, u: Any = None, B: Any = None, F: Any = None, Q: Any = None) -> tuple[Any, Any]:
         """State and covariance that `predict` would give; the filter stays as it is."""
@@ -65,8 +66,21 @@ class KalmanFilter(Base):
         if z is None:
             self._updated(None)
             return
-        y, H = self._off(z, H)
-        self._correct(z, y, steps.straight(H @ self._factor()), self.R if R is None else R)
+        if not self._linear_correction(z, R, H):
+            y, H = self._off(z, H)
+            self._correct(z, y, steps.straight(H @ self._factor()), self.R if R is None else R)
+
+    def _linear_correction(self, z: Any, R: Any, H: Any) -> bool:
+        """Correct in one compiled call; False where there is none."""
+        seen = np.asarray(z, float)
+        if seen.size != self.dim_z:
+            return False
+        S, Lr = self._factor(), self._noise_factor("R", self.R if R is None else R, self.dim_z)
+        made = half_steps.SEEING(self.x, S, Lr, seen, self.H if H is None else H)
+        if made is NotImplemented or not made.sound:
+            return False
+        self._take_correction(made)
+        return True
 
     def get_update(self, z: Any = None) -> tuple[Any, Any]:
         """State and covariance that `update` would give; the filter stays as it is."""

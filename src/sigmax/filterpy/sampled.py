@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from operator import is_
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ from sigmax.errors import InputError
 from sigmax.filterpy import steps
 from sigmax.filterpy.base import Base, measured, tuple_of
 from sigmax.filterpy.calls import Pointwise, is_same
+from sigmax.filterpy.half_steps import of_points
 from sigmax.filterpy.points import Cubature, plain
+from sigmax.filterpy.whole import Recent
 
 Hook = Callable[..., Any] | None
 
@@ -34,12 +37,19 @@ class _Sampled(Base):
         self.sigmas_h = np.zeros((len(self.Wm), dim_z))
         # Functions given with a call may be others every time: no more than these are kept.
         self._calls: deque[Pointwise] = deque(maxlen=8)
+        self._recent = Recent()
 
     def _predict(self, dt: float | None, fx: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> None:
         S = self._factor()
-        dt = self._dt if dt is None else dt
-        mean, line = self._moved(np.ravel(self.x), S, self._through(fx or self.fx), dt, *arguments, **named)
-        self._predicted(mean, steps.predict(line, self._noise_factor("Q", self.Q, self.dim_x)))
+        dt, fx = self._dt if dt is None else dt, fx or self.fx
+        Lq = self._noise_factor("Q", self.Q, self.dim_x)
+        made = self._at_once(fx, True, (S, Lq, dt), arguments, named)
+        if made is not NotImplemented and made.sound:
+            self._take_prediction(made)
+            self.sigmas_f = made.points
+            return
+        mean, line = self._moved(np.ravel(self.x), S, self._through(fx), dt, *arguments, **named)
+        self._predicted(mean, steps.predict(line, Lq))
         self.sigmas_f = self._draw(mean, self._factor())
 
     def _update(self, z: Any, R: Any, hx: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> None:
@@ -47,13 +57,21 @@ class _Sampled(Base):
         if z is None:
             self._updated(None)
             return
-        S = self._factor()
+        S, hx = self._factor(), hx or self.hx
+        seen = np.asarray(z, float)
+        if seen.size == self.dim_z:
+            Lr = self._noise_factor("R", self.R if R is None else R, self.dim_z)
+            made = self._at_once(hx, False, (S, Lr, seen), arguments, named)
+            if made is not NotImplemented and made.sound:
+                self._take_correction(made)
+                self.sigmas_f, self.sigmas_h = made.points, made.seen
+                return
         # Anew each time: a second sensor at the same moment sees what the first has left.
         self.sigmas_f = self._draw(self.x, S)
-        self.sigmas_h = self._through(hx or self.hx)(self.sigmas_f, *arguments, **named)
+        self.sigmas_h = self._through(hx)(self.sigmas_f, *arguments, **named)
         mean = _mean(self.z_mean, self.sigmas_h, self.Wm)
         line = self._line(S, self.sigmas_f, np.ravel(self.x), _differences(self.residual_z, self.sigmas_h, mean))
-        seen = np.ravel(np.asarray(z, float))
+        seen = np.ravel(seen)
         if seen.shape != mean.shape:
             raise InputError(f"z has {seen.size} components, hx gives {mean.size}")
         y = np.ravel(np.asarray(self.residual_z(seen, mean), float))
@@ -86,6 +104,20 @@ class _Sampled(Base):
         if plain(self.points_fn):
             return self.points_fn.around(x, S)
         return np.asarray(self.points_fn.sigma_points(np.ravel(x), S @ S.T), float)
+
+    def _at_once(
+        self, function: Any, moving: bool, given: tuple[Any, ...], arguments: tuple[Any, ...], named: dict[str, Any]
+    ) -> Any:
+        """A compiled half-step, NotImplemented where there is none."""
+        mean, residual = (self.x_mean, self.residual_x) if moving else (self.z_mean, self.residual_z)
+        last, whole = self._recent.last[moving]
+        now = function, self.points_fn, self.Wm, self.Wc, mean, residual, self.state_add
+        if named or not all(map(is_, last, now)):
+            names = tuple(named)
+            whole = self._recent.whole((moving, names), now, lambda: of_points(now, moving, names))
+            if not named:
+                self._recent.last[moving] = now, whole
+        return whole(self.x, *given, *arguments, *named.values())
 
     def _through(self, function: Any) -> Pointwise:
         for known in self._calls:

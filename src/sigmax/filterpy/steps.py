@@ -56,22 +56,31 @@ def factor(P: np.ndarray, name: str = "P") -> np.ndarray:
 
 
 class Kept:
-    """The factor of a covariance that mostly is the one of the call before; it may change in place."""
+    """The factor of a covariance that mostly is the one of the call before; it may change in place.
+
+    Attributes:
+        of: the very array it is of, where that is known.
+        content: its numbers.
+        made: the factor.
+    """
+
+    __slots__ = ("content", "made", "name", "of")
 
     def __init__(self, name: str) -> None:
-        self._name = name
-        self._of = b""
-        self._factor: np.ndarray = np.empty(0)
+        self.name = name
+        self.of: Any = self  # no array is this
+        self.content = b""
+        self.made: np.ndarray = np.empty(0)
 
     def factor(self, P: np.ndarray) -> np.ndarray:
         """Lower S with S Sᵀ = P."""
-        if P.tobytes() != self._of:
-            self.keep(P, factor(P, self._name))
-        return self._factor
+        if P.tobytes() != self.content:
+            self.keep(P, factor(P, self.name))
+        return self.made
 
     def keep(self, P: np.ndarray, S: np.ndarray) -> None:
         """Take S for the factor of P."""
-        self._factor, self._of = S, P.tobytes()
+        self.of, self.made, self.content = P, S, P.tobytes()
 
 
 def predict(line: Line, Lq: np.ndarray) -> Predicted:

@@ -17,6 +17,7 @@ from stonesoup.models.transition.nonlinear import ConstantTurn
 from sigmax.errors import InputError
 from sigmax.models import Model, angle
 from sigmax.models.smooth import cosc, sinc
+from sigmax.tracing import traceable
 
 
 class Moved(NamedTuple):
@@ -106,7 +107,8 @@ def _standing(seen: Seen) -> Callable[[Any], Any]:
     if seen.u is None:
         return seen.function
     u = jnp.asarray(seen.u)
-    return lambda x: seen.function(x, u)
+    function = traceable(seen.function)
+    return lambda x: function(x, u)
 
 
 def _untranslated(model: Any, function: str, gives: str) -> InputError:
@@ -156,7 +158,9 @@ def _(model: CombinedLinearGaussianTransitionModel) -> Moved:
     starts = np.cumsum([0, *(m.size for m in moved)])
 
     def function(x: Any, dt: Any) -> Any:
-        return jnp.concatenate([m.function(x[a : a + m.size], dt) for m, a in zip(moved, starts, strict=False)])
+        return jnp.concatenate(
+            [traceable(m.function)(x[a : a + m.size], dt) for m, a in zip(moved, starts, strict=False)]
+        )
 
     def Q(dt: Any) -> Any:
         rows = []

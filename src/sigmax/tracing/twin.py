@@ -106,6 +106,9 @@ class Twins:
             found: Any = object.__new__(type(kind.__name__, (kind,), {**methods, "__getattr__": attribute}))
         except TypeError:  # of a class that is built in, or forbids it
             return thing
+        # What is an attribute of its own would be found in the class first.
+        own = getattr(thing, "__dict__", {})
+        found.__dict__.update({name: self.of(own[name]) for name in own if hasattr(kind, name)})
         return found
 
 

@@ -7,7 +7,7 @@
 
 typedef void (*Function)(const void *job, long first, long end);
 
-enum { MOST = 8 };
+enum { MOST = 16 };
 
 typedef struct {
     Function function;
