@@ -7,6 +7,7 @@ from dataclasses import replace
 from html import unescape
 
 import jax
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -171,8 +172,6 @@ def test_every_result_can_be_drawn(name, library):
             for i, n in enumerate(r.state):
                 assert n in turning or own[:, i].tobytes() in lines
         else:
-            import matplotlib.pyplot as plt
-
             plt.close(figure)
 
 
@@ -371,3 +370,20 @@ def test_units_are_checked(given, said):
         sigmax.Model(
             motion=sigmax.motions.unicycle(), sensor=sigmax.sensors.position(), Q=np.ones(3), R=[1.0, 1.0], **given
         )
+
+
+def test_a_path_is_drawn_of_places_alone():
+    """Not of the x and y of a quaternion."""
+    drawn = {
+        n: made(n).plot(library="matplotlib").axes[0] for n in ("rotation", "direction", "pose2", "pose3", "product")
+    }
+    labels = {n: (ax.get_xlabel(), ax.get_ylabel()) for n, ax in drawn.items()}
+    for ax in drawn.values():
+        plt.close(ax.figure)
+    assert labels == {
+        "rotation": ("", "s.w [furlong]"),
+        "direction": ("", "s.x [furlong]"),
+        "pose2": ("s.x", "s.y"),
+        "pose3": ("s.x", "s.y"),
+        "product": ("", "s.0 [furlong]"),
+    }

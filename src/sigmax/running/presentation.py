@@ -59,6 +59,7 @@ def series(result: Any, track: int | None = None) -> Series:
         deviations=deviations,
         spread=spread,
         angles=frozenset(_angles(layout)),
+        places=frozenset(_places(layout)),
         steps={renamed.get(name, name): laid(a) for name, a in steps.items() if a is not None},
         modes=modes,
         units=dict(layout.units),
@@ -90,6 +91,12 @@ def _angles(layout: Any) -> list[str]:
         for name, turns in zip(layout.state[at], space.periodic, strict=True)
         if turns
     ]
+
+
+def _places(layout: Any) -> list[str]:
+    """Numbers of parts that do more than turn."""
+    parts = [(space, at) for space, at, _ in layout.space.parts() if space.turns < space.dim]
+    return [str(name) for _, at in parts for name in layout.state[at]]
 
 
 def _spread(result: Any, laid: Any, bias: Any, deviations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
+import numpy as np
+
 from sigmax.errors import unknown
 from sigmax.views.panels import Line, Panel
 from sigmax.views.series import needed
@@ -50,7 +52,9 @@ def _plotly(panels: Sequence[Panel], title: str) -> Any:
         figure.update_xaxes(title_text=escape(panel.x, quote=False), row=row, col=1)
         if panel is not panels[-1] and panel.x == panels[-1].x:
             axis.matches, axis.title.text = f"x{len(panels)}", None
-        figure.update_yaxes(title_text=escape(panel.y, quote=False), range=panel.span, row=row, col=1)
+        span = np.log10(panel.span) if panel.log and panel.span else panel.span
+        scale = {"type": "log", "dtick": 1} if panel.log else {}
+        figure.update_yaxes(title_text=escape(panel.y, quote=False), range=span, row=row, col=1, **scale)
         if panel.equal:
             figure.update_yaxes(scaleanchor=f"x{row if row > 1 else ''}", row=row, col=1)
     height = 90 + 150 * sum(heights or [1])
@@ -79,13 +83,17 @@ def _on_canvas(make: Any, panels: Sequence[Panel], title: str) -> Any:
         ax.set_xlabel("" if shared else panel.x, parse_math=False)
         ax.set_ylabel(panel.y, parse_math=False)
         ax.grid(alpha=0.25)
-        ax.ticklabel_format(axis="y", useOffset=False)
+        if panel.log:
+            ax.set_yscale("log")
+        else:
+            ax.ticklabel_format(axis="y", useOffset=False)
         if panel.span:
             ax.set_ylim(*panel.span)
         if panel.equal:
             ax.set_aspect("equal", adjustable="datalim")
         elif len(panel.lines) > 1:
-            for text in ax.legend(fontsize=8, loc="upper right").get_texts():
+            legend = ax.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), ncols=4, frameon=False)
+            for text in legend.get_texts():
                 text.set_parse_math(False)
     return figure
 

@@ -10,6 +10,8 @@ from sigmax.errors import InputError, unknown
 from sigmax.views.series import Series
 from sigmax.views.thin import thin
 
+# NIS below it is drawn there.
+_LEAST = 0.01
 # Names of two components of a position, the one that is drawn to the right first.
 _POSITIONS = (
     ("east", "north"),
@@ -50,6 +52,7 @@ class Panel(NamedTuple):
         lines: what it shows.
         span: the range of y, or None for what the lines need.
         equal: whether both axes have one scale, as a map has.
+        log: whether y has a scale of logarithms.
     """
 
     x: str
@@ -57,6 +60,7 @@ class Panel(NamedTuple):
     lines: tuple[Line, ...]
     span: tuple[float, float] | None = None
     equal: bool = False
+    log: bool = False
 
 
 def panels(series: Series, path: Sequence[str] | None, judged: bool, points: int = 1500) -> list[Panel]:
@@ -103,9 +107,9 @@ def _pair(series: Series, path: Sequence[str] | None) -> tuple[str, str] | None:
                 raise unknown("component", name, series.numbers)
         return path[0], path[1]
     for a, b in _POSITIONS:
-        for name in series.numbers:
+        for name in (n for n in series.numbers if n in series.places):
             stem, dot, last = name.rpartition(".")
-            if last == a and stem + dot + b in series.numbers:
+            if last == a and stem + dot + b in series.places:
                 return name, stem + dot + b
     return None
 
@@ -124,12 +128,14 @@ def _nis(nis: np.ndarray, dof: np.ndarray, time: np.ndarray, title: str, judged:
     heard = np.flatnonzero((dof > 0) & np.isfinite(nis))
     if not len(heard):
         return []
-    nis, dof, time = nis[heard], dof[heard], time[heard]
-    at = thin(nis, points)
+    # By logarithms: the first of a record is often a hundred times the others.
+    nis, dof, time = np.maximum(nis[heard], _LEAST), dof[heard], time[heard]
+    at = thin(np.log(nis), points)
     limits = [Line("expected", time[at], dof[at].astype(float), style="limit")]
     if judged:
         limits.append(Line("97.5 of 100 below", time[at], chdtri(dof[at], 0.025), style="limit"))
-    return [Panel(title, "NIS", (Line("NIS", time[at], nis[at], style="points"), *limits))]
+    span = float(nis.min()) / 2, 2 * max(float(nis.max()), float(chdtri(dof, 0.025).max()))
+    return [Panel(title, "NIS", (Line("NIS", time[at], nis[at], style="points"), *limits), span, log=True)]
 
 
 def _span(y: np.ndarray, wide: np.ndarray) -> tuple[float, float] | None:

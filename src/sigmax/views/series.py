@@ -19,6 +19,7 @@ class Series(NamedTuple):
         deviations: standard deviations (B, T) by name, which of curved parts are those of their deviations.
         spread: standard deviations (B, T) of the numbers themselves, by their names; to first order on curved parts.
         angles: names of the numbers that are angles.
+        places: names of the numbers that may be coordinates of a place, as those of an attitude are not.
         steps: by name what else there is of each step (B, T): nis, dof, log_likelihood, fault.
         modes: probabilities (B, T) by mode.
         units: by name of a number or deviation, empty where they are not known.
@@ -31,6 +32,7 @@ class Series(NamedTuple):
     deviations: Mapping[str, np.ndarray]
     spread: Mapping[str, np.ndarray]
     angles: frozenset[str]
+    places: frozenset[str]
     steps: Mapping[str, np.ndarray]
     modes: Mapping[str, np.ndarray]
     units: Mapping[str, str]
