@@ -1,6 +1,7 @@
 """Running filters: a record or a batch in one call, live step by step, backwards, and for a fit."""
 
 from sigmax.running.contributions import absorb, contribution
+from sigmax.running.filter_fit import FilterFit, fit_filter
 from sigmax.running.fit import Fit, fit
 from sigmax.running.live import Live
 from sigmax.running.message import Contribution
@@ -16,6 +17,7 @@ from sigmax.running.weighing import weights
 __all__ = [
     "Contribution",
     "Fault",
+    "FilterFit",
     "Fit",
     "Live",
     "Result",
@@ -23,6 +25,7 @@ __all__ = [
     "absorb",
     "contribution",
     "fit",
+    "fit_filter",
     "fit_tails",
     "run",
     "smooth",
