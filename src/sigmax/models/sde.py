@@ -56,16 +56,18 @@ def sde(
     driven = takes(drift, "drift", (1, 2)) == 2
     tableau = DOP853.A, DOP853.B, DOP853.E3[:12], DOP853.E5[:12]
 
-    def along(field: Field, y: Any, dt: Any, scale: Callable[[Any, Any], Any]) -> Any:
-        h = dt / steps
+    def along(field: Field, y: Any, dt: Any, scale: Callable[[Any, Any], Any]) -> tuple[jax.Array, jax.Array]:
+        """Where y is dt later, and whether it is so within the tolerance."""
 
         def further(carried: Any, _: None) -> tuple[Any, None]:
             at, total, way = carried
-            at, error, moved = _step(tableau, field, at, h)
+            at, error, moved = _step(tableau, field, at, dt / steps)
             return (at, total + error, way + moved), None
 
         (y, error, way), _ = jax.lax.scan(further, (y, jnp.zeros_like(y), jnp.zeros_like(y)), length=steps)
-        sound = (error <= tolerance * scale(y, way)).all()
+        return y, (error <= tolerance * scale(y, way)).all()
+
+    def checked(y: jax.Array, sound: jax.Array, dt: Any) -> jax.Array:
         if not is_traced(sound) and not sound:
             raise InputError(
                 f"{steps} steps of the motion's equation are too few for an interval of {float(dt):g} s: its error is "
@@ -73,28 +75,40 @@ def sde(
             )
         return jnp.where(sound, y, jnp.nan)
 
-    def flow(x: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
+    # Compiled for where they are called with numbers, as checks before a run do.
+    @jax.jit
+    def flowed(x: jax.Array, dt: jax.Array, *u: jax.Array) -> tuple[jax.Array, jax.Array]:
         return along(lambda y: jnp.asarray(drift(y, *u)), x, dt, lambda y, way: way)
+
+    @jax.jit
+    def spread_along(density: Any, x: jax.Array, dt: jax.Array, *u: jax.Array) -> tuple[jax.Array, jax.Array]:
+        n = x.shape[0]
+
+        def field(y: jax.Array) -> jax.Array:
+            at, P = y[:n], y[n:].reshape(n, n)
+            turned = jax.jacfwd(lambda z: jnp.asarray(drift(z, *u)))(at) @ P
+            L = jnp.asarray(spread(at) if callable(spread) else spread, x.dtype)
+            grown = turned + turned.T + (L * density) @ L.T
+            return jnp.concatenate([jnp.asarray(drift(at, *u)), grown.ravel()])
+
+        def scale(y: jax.Array, way: jax.Array) -> jax.Array:
+            deviation = jnp.sqrt(jnp.maximum(diagonal(y[n:].reshape(n, n)), 0.0))
+            return jnp.concatenate([way[:n], jnp.outer(deviation, deviation).ravel()])
+
+        y, sound = along(field, jnp.concatenate([x, jnp.zeros(n * n, x.dtype)]), dt, scale)
+        return y[n:].reshape(n, n), sound
+
+    def flow(x: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
+        y, sound = flowed(x, dt, *u)
+        return checked(y, sound, dt)
 
     def noise(density: Any = 1.0) -> Callable[..., jax.Array]:
         """Q(x, dt) from the spectral densities (j,) of the noises, or one for all."""
         density = arrays_of(density).asarray(density)
 
         def Q(x: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
-            n = x.shape[0]
-
-            def field(y: jax.Array) -> jax.Array:
-                at, P = y[:n], y[n:].reshape(n, n)
-                turned = jax.jacfwd(lambda z: jnp.asarray(drift(z, *u)))(at) @ P
-                L = jnp.asarray(spread(at) if callable(spread) else spread, x.dtype)
-                grown = turned + turned.T + (L * density) @ L.T
-                return jnp.concatenate([jnp.asarray(drift(at, *u)), grown.ravel()])
-
-            def scale(y: jax.Array, way: jax.Array) -> jax.Array:
-                deviation = jnp.sqrt(jnp.maximum(diagonal(y[n:].reshape(n, n)), 0.0))
-                return jnp.concatenate([way[:n], jnp.outer(deviation, deviation).ravel()])
-
-            return along(field, jnp.concatenate([x, jnp.zeros(n * n, x.dtype)]), dt, scale)[n:].reshape(n, n)
+            y, sound = spread_along(density.astype(x.dtype), x, dt, *u)
+            return checked(y, sound, dt)
 
         return _of_inputs(Q, driven)
 
