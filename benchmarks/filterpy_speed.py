@@ -1,4 +1,4 @@
-"""A step of FilterPy's filters and of those of `sigmax.filterpy`, with the same NumPy functions.
+"""A step of FilterPy's filters, of those of `sigmax.filterpy` and of `sigmax.Live`, with the same NumPy functions.
 
 python benchmarks/filterpy_speed.py
 """
@@ -10,6 +10,7 @@ from typing import Any
 import filterpy.kalman
 import numpy as np
 
+import sigmax
 import sigmax.filterpy
 
 _STEPS, _ROUNDS = 300, 9
@@ -64,14 +65,47 @@ def seconds(k: Any, kind: str) -> float:
     return (time.process_time() - started) / _STEPS
 
 
+def live(kind: str) -> Any:
+    """The same filter at the end of a sensor; of the extended one the functions alone, without a Jacobian."""
+    A = np.eye(N) + np.diag(np.ones(N - 1), 1)
+    straight = kind in ("EKF", "KF")
+    model = sigmax.Model(
+        motion=(lambda x, dt: A @ x) if straight else fx,
+        sensor=(lambda x: x[:M]) if kind == "KF" else hx,
+        Q=lambda dt: Q,
+        R=R,
+        state=tuple("abcde"),
+        measurement=("range", "azimuth"),
+    )
+    filter = sigmax.get("UKF", alpha=0.1, beta=2.0, kappa=0.0) if "0.1" in kind else sigmax.get(kind)
+    return sigmax.Live(filter, model, sigmax.Gaussian(X, P))
+
+
+def seconds_live(k: Any) -> float:
+    """Processor time of a step."""
+    saved = k.save()
+    k.step(Z, 1.0)
+    k.restore(saved)
+    started = time.process_time()
+    for _ in range(_STEPS):
+        k.step(Z, 1.0)
+    taken = (time.process_time() - started) / _STEPS
+    k.restore(saved)
+    return taken
+
+
 def main() -> None:
-    """A row for each filter: the least of some rounds, the two libraries by turns."""
-    print("| filter | FilterPy, µs a step | sigmax.filterpy | FilterPy / sigmax |")
-    print("|---|--:|--:|--:|")
+    """A row for each filter: the least of some rounds, the libraries by turns."""
+    print("| filter | FilterPy, µs a step | sigmax.filterpy | FilterPy / it | sigmax.Live | FilterPy / it |")
+    print("|---|--:|--:|--:|--:|--:|")
     for kind in ("UKF", "UKF, alpha 0.1", "CKF", "EKF", "KF"):
-        pair = [made(lib, kind) for lib in (filterpy.kalman, sigmax.filterpy)]
-        theirs, ours = np.min([[seconds(k, kind) for k in pair] for _ in range(_ROUNDS)], axis=0) * 1e6
-        print(f"| {kind} | {theirs:.0f} | {ours:.0f} | {theirs / ours:.2f} |", flush=True)
+        pair, alive = [made(lib, kind) for lib in (filterpy.kalman, sigmax.filterpy)], live(kind)
+        rounds = [[*(seconds(k, kind) for k in pair), seconds_live(alive)] for _ in range(_ROUNDS)]
+        theirs, ours, step = np.min(rounds, axis=0) * 1e6
+        print(
+            f"| {kind} | {theirs:.0f} | {ours:.1f} | {theirs / ours:.1f} | {step:.2f} | {theirs / step:.0f} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -289,3 +289,49 @@ def test_a_silent_difference_is_found():
 
     (got,) = vectorized(lambda x: traceable(motion)(x, jnp.asarray(0.5)), np.ones((1, 2)))
     np.testing.assert_array_equal(got, [[1.5, 1.5]])
+
+
+def test_a_motion_by_its_equation_and_parts_put_together_take_functions_in_numpy():
+    def swing(x):
+        return np.array([x[1], -9.81 * math.sin(x[0])])
+
+    def swing_by_jax(x):
+        return jnp.stack([x[1], -9.81 * jnp.sin(x[0])])
+
+    results = []
+    for drift, sensor in ((swing, seen), (swing_by_jax, seen_by_jax)):
+        exact = sigmax.sde(drift, [[0.0], [1.0]], state=("a", "b"))
+        own = sigmax.models.Motion(lambda x, dt, f=drift: x + dt * f(x), ("a", "b"), lambda: [0.1, 0.1])
+        walk = sigmax.motions.random_walk(("bias",))
+        joined = sigmax.motions.join(own, walk)
+        for motion, Q in ((exact, exact.noise(0.1)), (joined, [0.1, 0.1, 0.01])):
+            made = sigmax.Model(motion=motion, sensor=sensor, Q=Q, R=[0.1, 0.2])
+            prior = sigmax.Gaussian(np.full(made.size, 0.3), np.full(made.size, 0.1))
+            results.append(sigmax.run("EKF", made, prior, Z[:3], dt=0.1).mean)
+    for ours, theirs in zip(results[:2], results[2:], strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9)
+
+
+def test_exported_c_holds_functions_in_numpy(tmp_path):
+    sources = []
+    for k, m in enumerate((model(), model(moved_by_jax, seen_by_jax))):
+        made = sigmax.export_c("EKF", m, PRIOR, tmp_path / str(k), name="swing", dt=0.1)
+        assert made.operations["predict"] > 0
+        sources.append(made.operations)
+    assert sources[0] == sources[1]
+
+
+def test_a_file_of_functions_in_numpy_runs_from_a_description(tmp_path):
+    (tmp_path / "own.py").write_text(
+        "import numpy as np\nfrom math import sin\n\n\ndef motion(x, dt):\n    F = np.eye(2)\n    F[0, 1] = dt\n"
+        "    return F @ x\n\n\ndef sensor(x):\n    return [sin(x[0])]\n"
+    )
+    from sigmax.records.userfile import Functions
+
+    functions = Functions(tmp_path)
+    made = sigmax.Model(
+        motion=functions("own.py:motion", "motion"), sensor=functions("own.py:sensor", "sensor"), Q=[0.1, 0.1], R=[0.1]
+    )
+    want = sigmax.Model(motion=moved_by_jax, sensor=lambda x: jnp.sin(x[:1]), Q=[0.1, 0.1], R=[0.1])
+    got, want = (sigmax.run("UKF", m, PRIOR, Z[:, :1], dt=0.1).mean for m in (made, want))
+    np.testing.assert_allclose(got, want, rtol=1e-10)

@@ -12,6 +12,7 @@ from sigmax.errors import InputError
 from sigmax.models.checks import finite, is_traced, numbers
 from sigmax.models.noise import arrays_of, takes
 from sigmax.models.parts import Motion, made_once
+from sigmax.tracing import traceable
 
 Field = Callable[[jax.Array], jax.Array]
 
@@ -52,7 +53,7 @@ def sde(
         raise InputError(f"steps must be a whole number from 1 to 1000; it is {steps!r}")
     if not 0 < numbers("tolerance", tolerance) < 1:
         raise InputError(f"tolerance is a share between 0 and 1; it is {tolerance!r}")
-    spread = diffusion if callable(diffusion) else _matrix(diffusion)
+    drift, spread = traceable(drift), traceable(diffusion) if callable(diffusion) else _matrix(diffusion)
     driven = takes(drift, "drift", (1, 2)) == 2
     tableau = DOP853.A, DOP853.B, DOP853.E3[:12], DOP853.E5[:12]
 
