@@ -136,6 +136,9 @@ def test_what_is_not_accurate_is_no_number(steps, short):
                 assert np.array_equal(run.mean[1], run.mean[0])
     assert all(ok for dt, ok in told if dt <= short)
     assert not any(ok for dt, ok in told if dt == 6)
+    live = sigmax.Live("EKF", model, prior)
+    live.predict(6.0)
+    assert not live.ok
     with pytest.raises(sigmax.InputError, match=rf"{steps} steps .* too few for an interval of 6 s.*more steps="):
         sigmax.run("EKF", model, prior, np.full((1, 1), np.nan), dt=6.0)
 

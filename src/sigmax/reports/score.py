@@ -179,18 +179,18 @@ def _constants(record: Record, result: Result) -> dict[str, tuple[float, float]]
     if len(record.tracks) > 1:
         return {}
     u = None if record.inputs is None else record.inputs[0, 0]
-    Q = _noise_per_second(record.model, np.atleast_2d(record.prior.mean)[0], u)
+    Q = _noise_of(record.model, np.atleast_2d(record.prior.mean)[0], u)
     moving = set(np.flatnonzero(Q != 0).tolist())
     known = enumerate(told(record, result))
     return {one.name: (float(one.mean[0, -1]), float(one.deviation[0, -1])) for i, one in known if i not in moving}
 
 
-def _noise_per_second(model: Model, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    """The diagonal of Q, at a state and inputs where it depends on them; of several modes the largest of each."""
+def _noise_of(model: Model, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    """The diagonal of Q over a short interval, at a state and inputs where it depends on them; of several modes the largest of each."""
     if isinstance(model, SwitchingModel):
         found = np.zeros(model.dim)
         for mode in model.models:
-            own = _noise_per_second(mode, x[[model.state.index(name) for name in mode.state]], u)
+            own = _noise_of(mode, x[[model.state.index(name) for name in mode.state]], u)
             at = [model.deviations.index(name) for name in mode.deviations]
             found[at] = np.maximum(found[at], own)
         return found
@@ -198,7 +198,7 @@ def _noise_per_second(model: Model, x: np.ndarray, u: np.ndarray | None) -> np.n
     if isinstance(Q, Diagonal):
         return np.asarray(Q.entries)
     if callable(Q):
-        given = (jnp.asarray(x), jnp.asarray(1.0), *(() if u is None else (jnp.asarray(u),)))
+        given = (jnp.asarray(x), jnp.asarray(1e-3), *(() if u is None else (jnp.asarray(u),)))
         count = takes(Q, "Q", (1, 2, 3))
         Q = Q(*(given[1:2] if count == 1 else given[:count]))
     value = np.asarray(Q)

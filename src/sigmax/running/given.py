@@ -16,6 +16,10 @@ from sigmax.running.prepare import cast
 from sigmax.running.step import Innovation
 
 
+# Intervals are known when they come; noises are looked at over one that no integration finds long.
+_SHORT = 1e-3
+
+
 class Heard(NamedTuple):
     """A measurement as the engine takes it.
 
@@ -161,4 +165,4 @@ class Given:
         return value
 
     def _check(self, u: np.ndarray | None) -> None:
-        check_functions(self._asked, self._prior, 1.0, u, counted(self._asked), self._dtype)
+        check_functions(self._asked, self._prior, _SHORT, u, counted(self._asked), self._dtype)
