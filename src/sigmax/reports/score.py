@@ -186,7 +186,7 @@ def _constants(record: Record, result: Result) -> dict[str, tuple[float, float]]
 
 
 def _noise_of(model: Model, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    """The diagonal of Q over a short interval, at a state and inputs where it depends on them; of several modes the largest of each."""
+    """The diagonal of Q over a short interval, at a state and inputs that it may depend on; of modes the largest."""
     if isinstance(model, SwitchingModel):
         found = np.zeros(model.dim)
         for mode in model.models:

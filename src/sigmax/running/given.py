@@ -15,7 +15,6 @@ from sigmax.running.fusing import Members, with_members_live
 from sigmax.running.prepare import cast
 from sigmax.running.step import Innovation
 
-
 # Intervals are known when they come; noises are looked at over one that no integration finds long.
 _SHORT = 1e-3
 
