@@ -1,9 +1,11 @@
 """A page opened in a real browser: what it drew, what it complained of, and whether it fits."""
 
+import gzip
 import json
 import re
 import shutil
 import subprocess
+from base64 import b64decode
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -54,3 +56,10 @@ def opened(html: str, width: int, folder: Path, action: str) -> dict[str, Any]:
     told: dict[str, Any] = json.loads(unescape(found[1]))
     assert told["width"] == width
     return told
+
+
+def unpacked(html: str, name: str) -> str:
+    """What stands compressed in a page under a name."""
+    found = re.search(rf'<script id="{name}" type="application/gzip">(.*?)</script>', html)
+    assert found, f"the page has no {name}"
+    return gzip.decompress(b64decode(found[1])).decode()

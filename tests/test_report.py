@@ -5,7 +5,6 @@ import gzip
 import hashlib
 import json
 import re
-from base64 import b64decode
 from html import unescape
 from importlib.resources import files
 from pathlib import Path
@@ -22,7 +21,7 @@ from sigmax.reports.page import page
 from sigmax.reports.score import misses
 from sigmax.reports.verdict import best, nis_in_words, significant
 from sigmax.views.thin import stride, thin
-from tests.browser import opened
+from tests.browser import opened, unpacked
 from tests.own_records import tracked_radar
 
 
@@ -254,11 +253,6 @@ def test_a_fault_is_told_with_track_step_and_reason(
 
 def figures_of(html: str) -> dict:
     return json.loads(unpacked(html, "figures"))
-
-
-def unpacked(html: str, name: str) -> str:
-    found = re.search(rf'<script id="{name}" type="application/gzip">(.*?)</script>', html)
-    return gzip.decompress(b64decode(found[1])).decode()
 
 
 def test_the_page_holds_everything_and_loads_nothing(tracked: tuple[Record, list[Outcome], list[Score]]) -> None:

@@ -15,6 +15,7 @@ from sigmax.models.terrain import hills
 from sigmax.records.maps import elevation
 from sigmax.records.terrain import flight, terrain
 from sigmax.running.explain import explain
+from tests.browser import unpacked
 
 SHARED = Path(__file__).parents[2] / "shared" / "data" / "terrain" / "jacksboro_fault_dem.npz"
 MADE = sigmax.builtin("terrain")
@@ -239,7 +240,7 @@ def test_the_command_leaves_a_report_with_the_map(tmp_path, monkeypatch):
     told = json.loads(Path("made/summary.json").read_text())
     assert told["record"] == "small"
     assert told["filters"]["CKF:permute=1"]["faults"] == 0
-    assert '"heatmap"' in Path("made/report.html").read_text()
+    assert '"heatmap"' in unpacked(Path("made/report.html").read_text(), "figures")
 
 
 def test_what_goes_wrong_in_an_opaque_function_is_raised_as_it_was(caplog):
