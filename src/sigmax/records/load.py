@@ -34,12 +34,19 @@ def _jacksboro() -> Record:
     return terrain(elevation("jacksboro"), "jacksboro")
 
 
+def _kitti_imu() -> Record:
+    from sigmax.records.kitti import kitti_imu
+
+    return kitti_imu()
+
+
 def builtin() -> dict[str, Builtin]:
     """The built-in records by name."""
     about = "a robot mower among four radio beacons: ranges and odometry, truth to centimetres (extra: plaza)"
     plazas = {f"plaza{run}": Builtin(_plaza(run), f"{about}, run {run}") for run in (1, 2)}
     flight = "terrain-aided navigation over the Jacksboro fault: real heights, a simulated flight"
-    return plazas | {"jacksboro": Builtin(_jacksboro, flight)}
+    drive = "a car through streets: inertial sensors and satellite positions, with attitude (extra: plaza)"
+    return plazas | {"jacksboro": Builtin(_jacksboro, flight), "kitti-imu": Builtin(_kitti_imu, drive)}
 
 
 def load_plots(name: str, folder: Path | None = None) -> PlotRecord | None:

@@ -11,6 +11,7 @@ from sigmax.errors import InputError, unknown
 from sigmax.filters import BySensor, Filter, Update, get
 from sigmax.models import Gaussian, Model
 from sigmax.records.units import Dimension
+from sigmax.spaces import values
 
 
 class Trial(NamedTuple):
@@ -62,7 +63,7 @@ class Record:
         inputs: (B, T, k), or None.
         truth: the state as far as it is known (B, T, n), NaN where it is not.
         position: where the position stands in the state.
-        dimensions: of the components of the state.
+        dimensions: of the components of the state, as many as it has deviations.
         trials: what to run if nothing else is said.
         epoch: the instant of time 0, where the source tells.
         landmarks: points to show on the map, by name.
@@ -118,7 +119,7 @@ class Record:
             if name not in names:
                 raise InputError(f"{trial.name}: {unknown('component', name, names)}")
         kept = np.array([name not in trial.fixed for name in names], float)
-        n = self.model.size
+        n = self.model.dim
         prior = Gaussian(self.prior.mean, np.asarray(self.prior.cov) * np.outer(kept[:n], kept[:n]))
         chosen = with_updates(trial.filter, self.updates)
         if bias is None or kept[n:].all():
@@ -130,13 +131,14 @@ class Record:
     @property
     def components(self) -> dict[str, Dimension]:
         """The components of the state, and behind them those of the bias, with their dimensions."""
-        names = (*self.model.state, *(() if self.model.bias is None else self.model.bias.names))
+        names = (*self.model.deviations, *(() if self.model.bias is None else self.model.bias.names))
         return dict(zip(names, (*self.dimensions, *self.bias_dimensions), strict=True))
 
     def label(self, trial: Trial) -> str:
         """The trial for tables: what is fixed, and at what value."""
         bias = self.model.bias
-        mean = [*np.atleast_2d(self.prior.mean)[0], *([] if bias is None else np.atleast_2d(bias.prior.mean)[0])]
+        state = values(self.model.space, np.atleast_2d(self.prior.mean)[0])
+        mean = [*state, *([] if bias is None else np.atleast_2d(bias.prior.mean)[0])]
         fixed = [f"{name} fixed at {mean[list(self.components).index(name)]:g}" for name in trial.fixed]
         return ", ".join([trial.filter.name, *fixed])
 

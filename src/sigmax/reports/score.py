@@ -12,7 +12,7 @@ from sigmax.models import Model, SwitchingModel
 from sigmax.models.noise import takes
 from sigmax.records import Outcome, Record
 from sigmax.reports.shares import outside_if, ratio_bounds, share_bounds
-from sigmax.reports.told import told
+from sigmax.reports.told import row_of, told
 from sigmax.reports.weighed import Weighed, judged_nis, least_weights, refused, weighed
 from sigmax.running import Fault, Result
 
@@ -87,10 +87,11 @@ def score(record: Record, outcome: Outcome) -> Score:
     if result is None:
         return Score(name, label, failure=outcome.failure)
     real = record.real
-    error = result.errors(record.truth)[real]
+    rows = list(told(record, result))[: record.model.dim]
+    error = np.stack([row.error[real] for row in rows], -1)
     known = ~np.isnan(error).all(0)
-    rmse = {n: rms(error[:, i]) for i, n in enumerate(record.model.state) if known[i]}
-    place = list(record.position)
+    rmse = {row.name: rms(error[:, i]) for i, row in enumerate(rows) if known[i]}
+    place = [row_of(record, k) for k in record.position]
     dof = result.dof[real]
     heard = dof > 0
     nis, least = judged_nis(result), least_weights(record, result)

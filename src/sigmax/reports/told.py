@@ -8,6 +8,7 @@ import numpy as np
 from sigmax.records import Record
 from sigmax.records.units import Dimension
 from sigmax.running import Result
+from sigmax.spaces import Space, roots, values
 
 
 class Told(NamedTuple):
@@ -34,11 +35,37 @@ class Told(NamedTuple):
 
 def told(record: Record, result: Result) -> Iterator[Told]:
     """The components of the state, and behind them those of the bias."""
-    n, unknown = record.model.size, np.full(record.time.shape, np.nan)
-    mean, deviation, error = result.mean, result.std, result.errors(record.truth)
+    space, unknown = record.model.space, np.full(record.time.shape, np.nan)
+    n, mean, truth = space.dim, values(space, result.mean), values(space, record.truth)
+    S = roots(space, np.asarray(result.mean), _factor(result))
+    deviation, error = np.sqrt((S * S).sum(-1)), np.array(result.errors(record.truth))
+    for part, _, to in space.parts():
+        if not part.flat:
+            # What turns is compared by turning, what lies in the world by its distance there.
+            moved = slice(to.start + part.turns, to.stop)
+            error[..., moved] = (mean - truth)[..., moved]
+    turning = _turning(space)
     for i, (name, dimension) in enumerate(record.components.items()):
         if i < n:
-            own = (mean[..., i], deviation[..., i], record.truth[..., i], error[..., i], record.model.angular[i])
+            own = (mean[..., i], deviation[..., i], truth[..., i], error[..., i], turning[i])
         else:
             own = (result.bias_mean[..., i - n], result.bias_std[..., i - n], unknown, unknown, False)
         yield Told(str(name), dimension, *own)
+
+
+def row_of(record: Record, place: int) -> int:
+    """Which component a number of the state is, of those that `told` tells of."""
+    return list(record.model.deviations).index(record.model.state[place])
+
+
+def _factor(result: Result) -> np.ndarray:
+    """The rows of the factor that belong to the state."""
+    return np.asarray(result.kept()[1])[..., result.layout.deviations[0], :]
+
+
+def _turning(space: Space) -> list[bool]:
+    found = [False] * space.dim
+    for part, _, to in space.parts():
+        for k in range(part.dim):
+            found[to.start + k] = part.periodic[k] if part.flat else k < part.turns
+    return found

@@ -7,6 +7,7 @@ from sigmax.spaces.groups import Pose2, Pose3, Rotation
 from sigmax.spaces.moments import moments
 from sigmax.spaces.product import Product, product
 from sigmax.spaces.quaternions import conjugate, cross, exponential, logarithm, multiply, rotate
+from sigmax.spaces.readable import attitude, roll_pitch_yaw, roots, values
 from sigmax.spaces.reset import reset
 from sigmax.spaces.space import Flat, Space
 
@@ -31,6 +32,7 @@ __all__ = [
     "Product",
     "Rotation",
     "Space",
+    "attitude",
     "conjugate",
     "cross",
     "errors",
@@ -40,6 +42,9 @@ __all__ = [
     "multiply",
     "product",
     "reset",
+    "roll_pitch_yaw",
+    "roots",
     "rotate",
+    "values",
     "wrap",
 ]

@@ -21,7 +21,9 @@ from sigmax.reports.figures.draw import (
     result_of,
     safe,
 )
+from sigmax.reports.told import row_of
 from sigmax.running import Result
+from sigmax.spaces import roots
 from sigmax.views.thin import stride
 
 _ELLIPSES = 36
@@ -148,9 +150,11 @@ def _ellipses(
     turn = np.linspace(0, 2 * np.pi, _CORNERS)
     circle = 2 * np.stack([np.cos(turn), np.sin(turn)])
     outlines = []
+    space, mean, factor = record.model.space, np.asarray(result.mean), np.asarray(result.factor)
+    rows = [row_of(record, place) for place in places]
     for k in shown:
         for step in stride(int(record.steps[k]), each):
-            S = result.factor[k, step][list(places)]
+            S = roots(space, mean[k, step], factor[k, step])[rows]
             values, vectors = np.linalg.eigh(S @ S.T)
             ellipse = (vectors * np.sqrt(np.maximum(values, 0))) @ circle
             centre = (result.mean[k, step][list(places)] - origin)[:, None]

@@ -1,0 +1,257 @@
+"""Inertial navigation: the strapdown motion, and what is measured of a vehicle beside it.
+
+The state is attitude, velocity and position as one extended pose, and the biases of gyroscopes and accelerometers: 16
+numbers, 15 deviations. The world is a local level frame whose third axis points up (east, north, up, or north, west,
+up); the body has any right-handed axes. Attitudes turn vectors of the body into those of the world.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sigmax.errors import InputError
+from sigmax.models.checks import numbers
+from sigmax.models.components import direction, extended_pose
+from sigmax.models.gaussian import Gaussian
+from sigmax.models.parts import Motion, Sensor, made_once
+from sigmax.spaces import attitude, conjugate, cross, exponential, multiply, rotate
+from sigmax.spaces.quaternions import squared, stumpff
+
+GRAVITY = 9.80665
+# The Earth's turn in rad/s, and the constants of gravity on the ellipsoid (NIMA TR8350.2, WGS 84).
+_EARTH_RATE = 7.292115e-5
+_EQUATOR, _SOMIGLIANA, _ECCENTRICITY2 = 9.7803253359, 1.931852652458e-3, 6.69437999014e-3
+_AXIS, _FLATTENING, _CENTRIFUGAL = 6378137.0, 1 / 298.257223563, 3.449786506841e-3
+
+_BIASES = tuple(f"{of}_bias.{axis}" for of in ("gyro", "accelerometer") for axis in "xyz")
+_INPUTS = tuple(f"{of}_{axis}" for of in ("gyro", "accelerometer") for axis in "xyz")
+ATTITUDE, VELOCITY, POSITION = slice(0, 4), slice(4, 7), slice(7, 10)
+GYRO_BIAS, ACCELEROMETER_BIAS = slice(10, 13), slice(13, 16)
+
+
+def gravity(latitude: float, height: float = 0.0) -> float:
+    """Gravity in m/s² at a latitude (radians) and a height (m) above the ellipsoid (NIMA TR8350.2, (4-1), (4-3))."""
+    s = math.sin(latitude) ** 2
+    normal = _EQUATOR * (1 + _SOMIGLIANA * s) / math.sqrt(1 - _ECCENTRICITY2 * s)
+    first = 2 / _AXIS * (1 + _FLATTENING + _CENTRIFUGAL - 2 * _FLATTENING * s)
+    return normal * (1 - first * height + 3 * height**2 / _AXIS**2)
+
+
+@made_once
+def strapdown(name: str = "craft", latitude: float | None = None, height: float = 0.0, north: int = 1) -> Motion:
+    """Attitude, velocity and position driven by gyroscopes and accelerometers, with a bias of each: 15 deviations.
+
+    The inputs u (6,) are rates of turn in rad/s and specific forces in m/s², in the axes of the body, held over dt; the
+    integral over such a step is exact. `noise` wants the densities of the sensors and of the walks of their biases.
+
+    Args:
+        name: of the extended pose; its numbers are `craft.qw` and so on.
+        latitude: radians; with it gravity is that of WGS 84 at this height and the Earth turns. Without it gravity is
+            9.80665 m/s² and the Earth stands still.
+        height: m above the ellipsoid.
+        north: which horizontal axis of the world points north, 0 or 1; only the Earth's turn asks.
+
+    Raises:
+        InputError: for an axis that is not horizontal.
+    """
+    if north not in (0, 1):
+        raise InputError(f"north is the horizontal axis 0 or 1 of the world; it is {north!r}")
+    pull = jnp.array([0.0, 0.0, -(GRAVITY if latitude is None else gravity(latitude, height))])
+    level = 0.0 if latitude is None else _EARTH_RATE * math.cos(latitude)
+    up = 0.0 if latitude is None else _EARTH_RATE * math.sin(latitude)
+    earth = jnp.array([level if north == 0 else 0.0, level if north == 1 else 0.0, up])
+
+    def function(x: jax.Array, dt: jax.Array, u: jax.Array) -> jax.Array:
+        q, v, p = x[ATTITUDE], x[VELOCITY], x[POSITION]
+        rate, force = u[:3] - x[GYRO_BIAS], u[3:] - x[ACCELEROMETER_BIAS]
+        if latitude is not None:
+            rate = rate - rotate(conjugate(q), earth)
+        turn = rate * dt
+        c = stumpff(squared(turn))
+        once = cross(turn, force)
+        twice = cross(turn, once)
+        # What the body's turn makes of the force over the step: its integral, and the integral of that.
+        first = force + c[2] * once + c[3] * twice
+        second = 0.5 * force + c[3] * once + c[4] * twice
+        pulled = pull if latitude is None else pull - 2 * cross(earth, v)
+        return jnp.concatenate(
+            [
+                multiply(q, exponential(turn)),
+                v + dt * (rotate(q, first) + pulled),
+                p + dt * v + dt**2 * (rotate(q, second) + 0.5 * pulled),
+                x[10:],
+            ]
+        )
+
+    def noise(
+        gyro: float | Sequence[float],
+        accelerometer: float | Sequence[float],
+        gyro_bias: float | Sequence[float] = 0.0,
+        accelerometer_bias: float | Sequence[float] = 0.0,
+        position: float | Sequence[float] = 0.0,
+    ) -> Callable[[jax.Array], jax.Array]:
+        """Q(dt) from densities, one an axis or one for all.
+
+        Args:
+            gyro: rad/√s, the random walk of the angle, rad/s/√Hz.
+            accelerometer: m/s/√s, that of the velocity.
+            gyro_bias: rad/s/√s, by which the bias of the gyroscopes walks.
+            accelerometer_bias: m/s²/√s.
+            position: m/√s, for what a straight line over dt leaves out.
+        """
+        given = (gyro, accelerometer, gyro_bias, accelerometer_bias, position)
+        of_turn, of_speed, of_gyro, of_force, of_place = (jnp.diag(_squares(value)) for value in given)
+
+        def Q(dt: jax.Array) -> jax.Array:
+            none = jnp.zeros((3, 3))
+            return jnp.block(
+                [
+                    [dt * of_turn, none, none, none, none],
+                    [none, dt * of_speed, dt**2 / 2 * of_speed, none, none],
+                    [none, dt**2 / 2 * of_speed, dt**3 / 3 * of_speed + dt * of_place, none, none],
+                    [none, none, none, dt * of_gyro, none],
+                    [none, none, none, none, dt * of_force],
+                ]
+            )
+
+        return Q
+
+    return Motion(function, (extended_pose(name), *_BIASES), noise, _INPUTS)
+
+
+def _squares(value: float | Sequence[float]) -> Any:
+    return jnp.broadcast_to(jnp.asarray(value) ** 2, (3,))
+
+
+@made_once
+def satellite_position(lever: Sequence[float] = (0.0, 0.0, 0.0)) -> Sensor:
+    """The position (3,) of an antenna that sits at a lever arm, m, in the axes of the body."""
+    arm = _vector("lever", lever)
+
+    def function(x: jax.Array) -> jax.Array:
+        return x[POSITION] + rotate(x[ATTITUDE], arm)
+
+    return Sensor(function, ("x", "y", "z"))
+
+
+@made_once
+def satellite_velocity(lever: Sequence[float] | None = None) -> Sensor:
+    """The velocity (3,) of an antenna; with a lever arm the inputs are those of the motion, for its turn."""
+    arm = _vector("lever", (0.0, 0.0, 0.0) if lever is None else lever)
+
+    def alone(x: jax.Array) -> jax.Array:
+        return x[VELOCITY]
+
+    def function(x: jax.Array, u: jax.Array) -> jax.Array:
+        return x[VELOCITY] + rotate(x[ATTITUDE], cross(u[:3] - x[GYRO_BIAS], arm))
+
+    names = ("vx", "vy", "vz")
+    return Sensor(alone, names) if lever is None else Sensor(function, names, _INPUTS)
+
+
+@made_once
+def body_velocity(axes: Sequence[int] = (0, 1, 2)) -> Sensor:
+    """The velocity in axes of the body: a wheel (0,); a car that does not slide, whose measurement is 0 (1, 2)."""
+    chosen = tuple(axes)
+
+    def function(x: jax.Array) -> jax.Array:
+        v = rotate(conjugate(x[ATTITUDE]), x[VELOCITY])
+        return jnp.stack([v[k] for k in chosen])
+
+    return Sensor(function, tuple(("forward", "sideways", "upward")[k] for k in chosen))
+
+
+@made_once
+def magnetometer(field: Sequence[float]) -> Sensor:
+    """The Earth's magnetic field (3,) in the axes of the body, from that in the axes of the world, in any unit."""
+    return _seen_from_the_body(_vector("field", field), ("mx", "my", "mz"))
+
+
+@made_once
+def specific_force(gravity: float = GRAVITY) -> Sensor:
+    """What accelerometers (3,) measure of a body that is not accelerated: its weight borne, upwards, and their bias."""
+
+    def function(x: jax.Array) -> jax.Array:
+        return rotate(conjugate(x[ATTITUDE]), jnp.array([0.0, 0.0, gravity])) + x[ACCELEROMETER_BIAS]
+
+    return Sensor(function, ("fx", "fy", "fz"))
+
+
+@made_once
+def height() -> Sensor:
+    """The height (1,), of a barometer."""
+
+    def function(x: jax.Array) -> jax.Array:
+        return x[POSITION][2:]
+
+    return Sensor(function, ("height",))
+
+
+@made_once
+def line_of_sight(star: Sequence[float] | None = None, landmark: Sequence[float] | None = None) -> Sensor:
+    """The direction, in the axes of the body, of a star in a direction of the world, or of a landmark at a place.
+
+    Raises:
+        InputError: for both or neither.
+    """
+    if (star is None) == (landmark is None):
+        raise InputError("a line of sight leads to a star (a direction) or to a landmark (a place): give one of them")
+    to = _vector("star" if landmark is None else "landmark", star if landmark is None else landmark)  # type: ignore[arg-type]
+
+    def function(x: jax.Array) -> jax.Array:
+        away = to if landmark is None else to - x[POSITION]
+        return rotate(conjugate(x[ATTITUDE]), away / jnp.sqrt(squared(away)))
+
+    return Sensor(function, (direction("sight"),))
+
+
+def _seen_from_the_body(vector: Any, names: tuple[str, ...]) -> Sensor:
+    def function(x: jax.Array) -> jax.Array:
+        return rotate(conjugate(x[ATTITUDE]), vector)
+
+    return Sensor(function, names)
+
+
+def _vector(what: str, given: Sequence[float]) -> Any:
+    found = numbers(what, given)
+    if np.shape(found) != (3,):
+        raise InputError(f"{what} has three components; it is {given!r}")
+    return jnp.asarray(found)
+
+
+def start(
+    turned: Sequence[float],
+    velocity: Sequence[float],
+    position: Sequence[float],
+    *,
+    attitude_std: float | Sequence[float],
+    velocity_std: float | Sequence[float],
+    position_std: float | Sequence[float],
+    gyro_bias_std: float | Sequence[float],
+    accelerometer_bias_std: float | Sequence[float],
+) -> Gaussian:
+    """A prior of `strapdown`, from deviations in the axes of the world.
+
+    Args:
+        turned: roll, pitch, yaw, radians.
+        velocity: m/s.
+        position: m.
+        attitude_std: radians, about the axes of the world, one an axis or one for all: the third is the heading.
+        velocity_std: m/s.
+        position_std: m.
+        gyro_bias_std: rad/s, about 0.
+        accelerometer_bias_std: m/s², about 0.
+    """
+    q = attitude(*turned)
+    back = np.stack([np.asarray(rotate(conjugate(q), e)) for e in np.eye(3)], axis=1)
+    cov = np.zeros((15, 15))
+    for k, std in enumerate((attitude_std, velocity_std, position_std, gyro_bias_std, accelerometer_bias_std)):
+        at = slice(3 * k, 3 * k + 3)
+        own = np.diag(np.broadcast_to(np.square(numbers("a deviation of the start", std)), (3,)))
+        cov[at, at] = back @ own @ back.T if k < 3 else own
+    mean = np.concatenate([q, numbers("velocity", velocity), numbers("position", position), np.zeros(6)])
+    return Gaussian(mean, cov)
