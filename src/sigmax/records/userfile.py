@@ -10,7 +10,7 @@ from typing import Any
 
 from sigmax.errors import InputError, unknown
 from sigmax.ownership import stranger
-from sigmax.tracing import traceable
+from sigmax.tracing import Traceable, traceable
 
 _allowed: list[Path] = []
 
@@ -104,13 +104,13 @@ class Functions:
 
 
 def called(function: Callable[..., Any], where: str, **values: Any) -> Any:
-    """What a user's function gives.
+    """What a user's function gives that makes a model or a study: it is called as it is, nothing in it is traced.
 
     Raises:
         InputError: where it fails, with the line.
     """
     try:
-        return function(**values)
+        return (function.function if isinstance(function, Traceable) else function)(**values)
     except InputError:
         raise
     except (Exception, SystemExit) as error:
