@@ -335,3 +335,20 @@ def test_a_file_of_functions_in_numpy_runs_from_a_description(tmp_path):
     want = sigmax.Model(motion=moved_by_jax, sensor=lambda x: jnp.sin(x[:1]), Q=[0.1, 0.1], R=[0.1])
     got, want = (sigmax.run("UKF", m, PRIOR, Z[:, :1], dt=0.1).mean for m in (made, want))
     np.testing.assert_allclose(got, want, rtol=1e-10)
+
+
+def test_what_rounding_alone_changes_is_no_difference():
+    """A chaotic motion: a last digit is worth everything after so many turns."""
+
+    def folded(x, dt):
+        a = x[0]
+        for _ in range(60):
+            a = 3.99 * np.mod(a, 1.0) * (1 - np.mod(a, 1.0)) + 0 * np.hypot(a, dt)
+        return np.array([a, x[1]])
+
+    def wrong(x, dt):
+        return x + (0.0 if isinstance(x, np.ndarray) and x[0].__class__ is np.float64 else 1e-6)
+
+    assert np.isfinite(np.asarray(traceable(folded)(jnp.ones(2) / 3, jnp.asarray(1.0)))).all()
+    with pytest.raises(sigmax.InputError, match=r"traced it would give .* and called it gives"):
+        traceable(wrong)(jnp.ones(2), jnp.asarray(1.0))

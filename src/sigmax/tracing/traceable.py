@@ -75,7 +75,7 @@ class Traceable:
             failed = error
         if with_jax is not None:
             plain = _plainly(self.function, at)
-            if plain is None or not difference(with_jax, at, plain):
+            if plain is None or not difference(self.function, with_jax, at, plain):
                 return "jax" if plain is None else "both"
         try:
             by_numpy = _traced(functools.partial(with_numpy, self.function), specs)
@@ -84,7 +84,7 @@ class Traceable:
             if failed is None or isinstance(error, Untraceable):
                 raise
             raise failed from None
-        _compare(by_numpy, at, _plainly(self.function, at))
+        _compare(self.function, by_numpy, at)
         return "numpy"
 
 
@@ -94,7 +94,7 @@ def check_alike(function: Callable[..., Any], at: Sequence[Point]) -> None:
     Raises:
         Untraceable: where they differ, in words.
     """
-    _compare(_traced(function, at[0]), at, _plainly(function, at))
+    _compare(function, _traced(function, at[0]), at)
 
 
 def _traced(function: Callable[..., Any], specs: Sequence[Any]) -> ClosedJaxpr:
@@ -112,8 +112,9 @@ def _array(made: Any) -> Any:
         return None
 
 
-def _compare(traced: ClosedJaxpr, at: Sequence[Point], plain: Any) -> None:
-    if plain is not None and (away := difference(traced, at, plain)):
+def _compare(function: Callable[..., Any], traced: ClosedJaxpr, at: Sequence[Point]) -> None:
+    plain = _plainly(function, at)
+    if plain is not None and (away := difference(function, traced, at, plain)):
         raise Untraceable(f"{away}; run it as it is by sigmax.models.opaque(…)")
 
 
