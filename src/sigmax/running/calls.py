@@ -30,13 +30,12 @@ def check_calls(
     Raises:
         InputError: where a function gives something else when it is called, or something else every time.
     """
-    states = list(_states(prior, dt.dtype))
     for what, function, rest in _functions(model, dt, u, sizes):
         own = getattr(function, "__wrapped__", function)
         if not isinstance(own, Traceable) or own.with_jax or function in _compared:
             continue
         _compared.add(function)
-        points = [[x, *rest] for x in states]
+        points = [[x, *rest] for x in _states(prior, dt.dtype)]
         try:
             check_alike(function, points)
         except InputError as error:

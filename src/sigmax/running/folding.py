@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Any
 
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ from sigmax.models.checks import is_traced
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.rules import SigmaPoints
+from sigmax.spaces import Flat, Space
 
 # Radians from the mean beyond which a pair of points no longer tells the slope of a sine by its sign and size.
 _FAR = 1.0
@@ -46,6 +48,8 @@ def folding(filter: Filter, model: Model, prior: Gaussian, inputs: int | None) -
         return
     if is_traced((prior.mean, prior.cov)) or prior.dim != model.dim:
         return
+    if _near(model, prior, {rule for rule in rules.values() if isinstance(rule, SigmaPoints)}):
+        return
     if not model.space.flat:
         yield from _wrapping(filter, model, prior)
         return
@@ -70,6 +74,30 @@ def folding(filter: Filter, model: Model, prior: Gaussian, inputs: int | None) -
                 f"{np.degrees(_FAR):.0f}° on they fold over the circle, and the track may be lost. Take derivatives "
                 f"there, as in {instead}, or a deviation of at most {least:.0f}° in the prior"
             )
+
+
+def _near(model: Model, prior: Gaussian, rules: set[SigmaPoints]) -> bool:
+    """Whether no point can be far: none is further than its length in deviations. It costs no root."""
+    turning = list(_turning(model.space))
+    if not turning:
+        return True
+    variances = np.asarray(prior.cov)[..., turning, turning].max()
+    return bool(variances * max(_reach(rule, model.dim) for rule in rules) ** 2 < _FAR**2)
+
+
+@lru_cache(maxsize=256)
+def _turning(space: Space) -> tuple[int, ...]:
+    """Deviations that turn."""
+    found: list[int] = []
+    for p, _, to in space.parts():
+        found += [to.start + k for k in range(p.dim) if (p.periodic[k] if isinstance(p, Flat) else k < p.turns)]
+    return tuple(found)
+
+
+@lru_cache(maxsize=256)
+def _reach(rule: SigmaPoints, n: int) -> float:
+    """The length of the longest point of n deviations."""
+    return float(np.linalg.norm(rule.points(n).points, axis=1).max())
 
 
 def _root(prior: Gaussian) -> np.ndarray:
