@@ -97,7 +97,7 @@ def test_a_measurement_may_come_in_any_dress(radar, in_python):
         (["1", "two", "3"], 1.0, InputError, "z must be an array of real numbers"),
         (np.zeros(3), -1.0, InputError, "dt must be"),
         (np.zeros(3), float("nan"), InputError, "dt must be"),
-        (np.zeros(3), "1", InputError, "dt must be an array of real numbers"),
+        (np.zeros(3), "1", InputError, 'dt is a span of time such as "2 s"'),
     ],
 )
 def test_what_does_not_fit_is_refused_and_changes_nothing(radar, z, dt, error, message, extended, in_python):

@@ -1,6 +1,6 @@
 """Filters: a rule for the prediction, a rule for the correction, a form, an update; and their catalogue."""
 
-from sigmax.filters.bank import Bank
+from sigmax.filters.bank import Bank, of_one_belief
 from sigmax.filters.catalogue import Entry, bank, catalogue, get, names
 from sigmax.filters.filter import Filter, ModeFilters
 from sigmax.filters.update import BySensor, Update, by_sensor, iterated, named, once, robust
@@ -26,6 +26,7 @@ __all__ = [
     "iterated",
     "named",
     "names",
+    "of_one_belief",
     "once",
     "robust",
 ]

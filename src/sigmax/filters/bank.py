@@ -56,3 +56,8 @@ def bank_of(member: Filter, members: int, bend: float = 0.5) -> Bank:
         splits=(members - kept) // 2,
         bend=float(bend),
     )
+
+
+def of_one_belief(filter: Filter) -> Filter:
+    """The filter itself; that of the members of a bank, which is smoothed as one belief: they merge on the way."""
+    return filter.member if isinstance(filter, Bank) else filter

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.filters import Filter
+from sigmax.filters import Filter, of_one_belief
 from sigmax.models.model import Model
 from sigmax.running import job
 from sigmax.running.lowered import Lowered, lowered
@@ -100,7 +100,7 @@ def smoother(filter: Filter, model: Model, inputs: int, dtype: Any) -> Callable[
         Refused: for a model or filter that cannot be lowered.
         Unavailable: without a compiler, or where it fails.
     """
-    low = lowered(filter, model, inputs, dtype)
+    low = lowered(of_one_belief(filter), model, inputs, dtype)
     (back,) = job.bind(low, model, ("back",)).values()
     return partial(_smoothed, low, back)
 
@@ -108,7 +108,7 @@ def smoother(filter: Filter, model: Model, inputs: int, dtype: Any) -> Callable[
 def _smoothed(low: Lowered, back: job.BoundStep, kept: tuple[Any, ...], dt: Any, u: Any) -> tuple[Any, ...]:
     dtype = kept[0].dtype
     mean, factor, fault = (np.ascontiguousarray(a, dtype) for a in kept[:3])
-    rest = None if kept[3] is None else np.ascontiguousarray(kept[3])
+    rest = np.ascontiguousarray(kept[3]) if low.packing.members else None
     behind = None if rest is None else np.empty_like(rest)
     out = np.empty_like(mean), np.empty_like(factor), behind, np.empty(fault.shape, np.int8)
     dt, u = np.ascontiguousarray(dt), None if u is None else np.ascontiguousarray(u)

@@ -8,7 +8,7 @@ import numpy as np
 
 from sigmax.algebra.compiling import compiled, tracing
 from sigmax.errors import InputError
-from sigmax.filters import Bank, Filter
+from sigmax.filters import Filter, of_one_belief
 from sigmax.models.augment import augment
 from sigmax.models.checks import is_traced
 from sigmax.models.model import Model
@@ -81,9 +81,8 @@ def backwards(
     filter: Filter, model: Model, kept: Any, dt: Any, u: Any, batched: bool, traced: bool, backend: str | None
 ) -> tuple[Any, Any, Any, Any]:
     """Smoothed means, factors, faults and modes of filtered ones, all with the batch first; the arguments checked."""
-    if isinstance(filter, Bank):
-        # Members merge on the way and have no one past: what is smoothed is the mixture's mean and covariance.
-        filter, kept = filter.member, (*kept[:3], None)
+    filter = of_one_belief(filter)
+    kept = kept if Packing.of(filter, model).members else (*kept[:3], None)
 
     def with_xla() -> Any:
         mean, factor, fault, rest = (None if a is None else batch_last(a, a.ndim - batched) for a in kept)
