@@ -221,6 +221,7 @@ def test_own_functions_are_the_built_in_ones(tmp_path: Path) -> None:
         np.testing.assert_allclose(mine, theirs, rtol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::sigmax.errors.FoldingWarning")
 @pytest.mark.parametrize("kind", MOTIONS)
 def test_every_motion_can_be_described(kind: str, tmp_path: Path) -> None:
     noise = {

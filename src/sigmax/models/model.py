@@ -200,7 +200,8 @@ class Model:
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """For JAX: noises given as numbers are data, everything else tells one model from another."""
-        kept = {k: v for k, v in vars(self).items() if k not in ("Q", "R")}
+        # What is only shown makes no other model of it: nothing is compiled again for a unit.
+        kept = {k: v for k, v in vars(self).items() if k not in ("Q", "R", "units")}
         fixed = tuple((k, tuple(v.items()) if isinstance(v, dict) else v) for k, v in kept.items())
         # A noise that is a function belongs to the model's identity, not to its numbers.
         leaves = tuple(None if callable(v) else v for v in (self.Q, *self.R.values()))
@@ -212,6 +213,7 @@ class Model:
         """For JAX: values pass unchecked."""
         fixed, functions, sensors = aux
         made = object.__new__(cls)
+        made.units = ()
         for key, value in fixed:
             setattr(made, key, dict(value) if key in ("sensors", "sensor_inputs", "measured") else value)
         noises = [f if leaf is None else leaf for leaf, f in zip(leaves, functions, strict=True)]

@@ -11,6 +11,8 @@ from sigmax.reports.figures.draw import Figure, colour, plain, safe
 from sigmax.studies import Comparison
 from sigmax.studies.study import Charts
 
+# Letters of a name in a picture.
+_ROOM = 40
 # Parts of a step, as `Cost.relative` has them, and how dark they are drawn.
 PARTS = {"predict": 0.4, "correct": 0.7, "total": 1.0}
 
@@ -58,8 +60,8 @@ def _columns(c: Comparison, curve: Callable[[str, int], np.ndarray], title: Call
     for k, (group, names) in enumerate(shown.items()):
         for i in range(n):
             for name in names:
-                axes[i, k].plot(c.study.time, curve(name, i), color=shade(c, name), label=name, linewidth=1.2)
-        axes[0, k].set_title(group)
+                axes[i, k].plot(c.study.time, curve(name, i), color=shade(c, name), label=_short(name), linewidth=1.2)
+        axes[0, k].set_title(_short(group))
         axes[-1, k].set_xlabel("time [s]")
         axes[0, k].legend(fontsize=6, ncols=2 if len(names) > 5 else 1)
     kept = set(readable(c))
@@ -67,8 +69,13 @@ def _columns(c: Comparison, curve: Callable[[str, int], np.ndarray], title: Call
         ends = reach([curve(name, i) for names in shown.values() for name in names if name in kept], False)
         if ends is not None:
             axes[i, 0].set_ylim(max(ends[0], 0), ends[1])
-        axes[i, 0].set_ylabel(title(i).replace("$", r"\$"))
+        axes[i, 0].set_ylabel(_short(title(i)))
     return figure
+
+
+def _short(text: str) -> str:
+    """A name that leaves room for what it names, with no mathematics in it."""
+    return (text if len(text) <= _ROOM else f"{text[: _ROOM - 1]}…").replace("$", r"\$")
 
 
 def cost_picture(c: Comparison) -> Any:
@@ -81,9 +88,9 @@ def cost_picture(c: Comparison) -> Any:
             values = [float(c.costs[name].relative[k]) for name in names]
             ax.bar(at + 0.27 * (k - 1), values, 0.25, color="#0072b2", alpha=strength, label=part)
         ax.axhline(1.0, color="k", linewidth=1)
-        ax.set_xticks(at, [name.replace("$", r"\$") for name in names], rotation=30, ha="right", fontsize=8)
+        ax.set_xticks(at, [_short(name) for name in names], rotation=30, ha="right", fontsize=8)
         ax.set_ylabel("time / EKF's")
-        ax.set_title(group)
+        ax.set_title(_short(group))
         ax.grid(visible=False, axis="x")
     axes[0, 0].legend(fontsize=8)
     return figure

@@ -180,12 +180,17 @@ def _histograms(c: Comparison, mark: str) -> str:
 
 
 def _largest(c: Comparison) -> str:
-    """The largest error of all runs and times, with the time at which it was made."""
+    """The largest error of all runs and times, with the time at which it was made; > a thousand times the least."""
     rows = []
+    most = FAR * np.min([m.largest.max(axis=0) for m in c.measures.values()], axis=0)
     for name, m in c.measures.items():
         steps = m.largest.argmax(axis=0)
         cells = [
-            small(significant(float(shown_unit(c, i)[0] * m.largest[k, i])), f"{c.study.time[k]:g} s")
+            small(
+                ("> " if m.largest[k, i] > most[i] else "")
+                + significant(float(shown_unit(c, i)[0] * min(m.largest[k, i], most[i]))),
+                f"{c.study.time[k]:g} s",
+            )
             for i, k in enumerate(steps)
         ]
         rows.append([_named(c, name), *cells])
