@@ -358,7 +358,7 @@ def test_models_priors_and_fits_say_what_they_are():
     assert repr(fit).splitlines()[1:3] == ["  q               0.50 ± 0.10", "  r               1.00 ± 0.20, 2 ± nan"]
     study = sigmax.studies.load_studies("single-beacon")[0]
     none = Comparison(
-        study, 1, 10, {"EKF": sigmax.get("EKF")}, 0, {}, {"EKF": "no"}, {}, None, {}, None, None, "", {}, {}, 0.0
+        study, 1, 10, {"EKF": sigmax.get("EKF")}, 0, {}, {"EKF": "no"}, {}, None, {}, None, None, "", {}, {}, (), 0.0
     )
     assert "EKF         could not be run: no" in repr(none)
 

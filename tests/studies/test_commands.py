@@ -10,12 +10,12 @@ from typer.testing import CliRunner
 
 from sigmax import InputError
 from sigmax.cli.app import app
-from sigmax.reports.comparison import Word, page, standings, verdict
+from sigmax.reports.comparison import Word, page, standings, verdict, write
 from sigmax.reports.comparison.labels import lifted
 from sigmax.studies import compare, load_studies
 from sigmax.studies.load import parsed_filters
 from tests.browser import opened
-from tests.studies.problems import scalar
+from tests.studies.problems import linear, scalar
 
 OWN = """
 import jax.numpy as jnp
@@ -200,6 +200,16 @@ def test_the_page_in_a_browser(width, compared, tmp_path):
         "cost": "cost/0",
     }
     assert all(right <= width for *_, right in seen["drawn"])
+
+
+def test_single_runs_are_on_the_page_and_as_pictures(tmp_path):
+    c = compare(linear(runs=20), runs=20, show=[3])
+    seen = opened(page([c]), 390, tmp_path, _CHOOSE)
+    assert seen["problems"] == []
+    last = c.study.model.dim + c.shown[0].z[""].shape[1] - 1
+    assert ("single", f"single/3/{last}") in {(name, shown) for name, shown, _, _ in seen["drawn"]}
+    write(tmp_path / "out", [c])
+    assert (tmp_path / "out" / "figures" / "run-3.png").stat().st_size > 10_000
 
 
 def test_names_in_the_chart_do_not_cover_each_other():

@@ -350,3 +350,24 @@ def test_largest_errors_are_those_of_the_runs_whatever_the_blocks():
     np.testing.assert_allclose(c.measures[name].largest, worst, rtol=1e-12)
     none = claims_of(np.full((1, 2, 1), np.nan), np.ones((1, 2, 1, 1)), np.zeros((1, 2, 1)), scalar().model.space)
     assert np.isinf(none.largest).all()
+
+
+def test_a_run_that_is_shown_is_the_run_among_the_others():
+    """Truth and measurements are those of its place in its block; estimates those of the whole block."""
+    study = linear(runs=300)
+    c = sigmax.compare(study, runs=300, show=[2, 290])
+    assert [one.run for one in c.shown] == [2, 290]
+    work = Work(study, dict(study.filters), c.by, 1, False, None)
+    for one, block, at in zip(c.shown, (0, 1), (1, 290 - 257), strict=True):
+        drawn = draw(study, 1, block)
+        np.testing.assert_array_equal(one.truth, drawn.truth[at])
+        np.testing.assert_array_equal(one.z[""], drawn.z[""][at])
+        for name in study.filters:
+            found = estimate(work, name, drawn)
+            np.testing.assert_allclose(one.mean[name], found.mean[at], rtol=1e-10)
+            np.testing.assert_allclose(
+                one.std[name] ** 2, np.diagonal(found.factor[at] @ found.factor[at].swapaxes(-1, -2), 0, 1, 2)
+            )
+    for wrong in (0, 301, True):
+        with pytest.raises(InputError, match="show names runs from 1 to 300"):
+            sigmax.compare(study, runs=300, show=[wrong])

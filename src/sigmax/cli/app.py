@@ -156,6 +156,12 @@ def compare_command(
     particles: Annotated[
         int | None, typer.Option(help="Of the optimum, 0 for none; without it as the study says.", show_default=False)
     ] = None,
+    show: Annotated[
+        list[int] | None,
+        typer.Option(
+            help="A run, from 1, of which the page shows every estimate over time; may be repeated.", show_default=False
+        ),
+    ] = None,
     workers: Annotated[int | None, typer.Option(help="Without it one for each core.", show_default=False)] = None,
     chunk: Annotated[int, typer.Option(help="Blocks of runs that a worker is given at a time.")] = 1,
     cluster: Annotated[
@@ -172,7 +178,7 @@ def compare_command(
     say_on_signal("the same command goes on where this one stopped")
     from sigmax.cli.compare import compare_study
 
-    compare_study(study, filter or [], runs, seed, out, set_ or [], particles, workers, chunk, cluster)
+    compare_study(study, filter or [], runs, seed, out, set_ or [], particles, show or [], workers, chunk, cluster)
 
 
 @app.command("studies")

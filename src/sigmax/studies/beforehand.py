@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.filters import Filter, get
+from sigmax.filters import Bank, Filter, ModeFilters, get
 from sigmax.models import Gaussian
+from sigmax.models.model import check_flat
+from sigmax.models.switching import SwitchingModel
 from sigmax.native.fingerprint import fingerprint
 from sigmax.running.backend import BACKENDS
+from sigmax.running.folding import folding
 from sigmax.running.run import run
 from sigmax.studies.simulate import sizes
 from sigmax.studies.study import Study
@@ -43,7 +46,15 @@ def chosen_filters(study: Study, filters: Mapping[str, Filter] | Sequence[str] |
     return chosen
 
 
-def check(study: Study, count: int, N: int, workers: int | None, chunk: int, backend: str | None) -> None:
+def check(
+    study: Study,
+    count: int,
+    N: int,
+    workers: int | None,
+    chunk: int,
+    backend: str | None,
+    show: Sequence[int] = (),
+) -> None:
     """Refuse numbers that make no sense.
 
     Raises:
@@ -52,6 +63,11 @@ def check(study: Study, count: int, N: int, workers: int | None, chunk: int, bac
     for what, value, least in (("runs", count, 2), ("particles", N, 0), ("chunk", chunk, 1), ("workers", workers, 1)):
         if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
             raise InputError(f"{what} must be a whole number of at least {least}; it is {value!r}")
+    if show:
+        check_flat(study.model, "runs that are shown whole")
+    for one in show:
+        if isinstance(one, bool) or not isinstance(one, int) or not 1 <= one <= count:
+            raise InputError(f"show names runs from 1 to {count}, the number of runs; {one!r} is none of them")
     if N and not study.fair:
         raise InputError(
             f"{study.name}: an optimum needs truth that is drawn from the filters' model and prior; "
@@ -85,6 +101,17 @@ def yardsticks(study: Study, backend: str | None) -> Yardsticks:
         turning[to.start : to.start + p.turns] = True
     limit = np.where(turning, np.minimum(limit, np.pi / 2), limit)
     return Yardsticks(look, limit, scale, study.model.space)
+
+
+def folding_notes(study: Study, filters: Mapping[str, Filter]) -> list[str]:
+    """What is to be said of filters whose points fold at the start, a sentence each."""
+    k = None if study.inputs is None else np.shape(study.inputs)[-1]
+    return [
+        f"{name}: {said}"
+        for name, filter in filters.items()
+        if not isinstance(filter, Bank | ModeFilters) and not isinstance(study.model, SwitchingModel)
+        for said in folding(filter.on(0), study.model, study.prior, k)
+    ]
 
 
 def settings_of(study: Study, filters: Mapping[str, Filter], seed: int, N: int, backend: str | None) -> Any:

@@ -9,20 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import joblib
-import numpy as np
 from joblib.parallel import get_active_backend
 
 from sigmax.errors import FoldingWarning
-from sigmax.filters import Bank, Filter, ModeFilters, get
+from sigmax.filters import Filter, get
 from sigmax.models.model import check_flat
-from sigmax.models.switching import SwitchingModel, check_one_mode
-from sigmax.running.folding import folding
-from sigmax.studies.beforehand import check, chosen_filters, settings_of, yardsticks
+from sigmax.models.switching import check_one_mode
+from sigmax.studies.beforehand import check, chosen_filters, folding_notes, settings_of, yardsticks
 from sigmax.studies.bound import absent, bound
 from sigmax.studies.comparison import Comparison, Optimum
 from sigmax.studies.cost import Cost, costs
 from sigmax.studies.measures import measures, tends_to
 from sigmax.studies.progress import FILE, NOTHING, Totals, add, add_paired, restore, store
+from sigmax.studies.single import single_run
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Sums
 from sigmax.studies.work import CHECK, OPTIMUM, Rows, Runs, Work, beside_the_optimum, block, estimate
@@ -45,6 +44,7 @@ def compare(
     chunk: int = 1,
     folder: Path | str | None = None,
     backend: str | None = None,
+    show: Sequence[int] = (),
     report: Report = lambda what, done, of: None,
 ) -> Comparison:
     """Run a study.
@@ -64,6 +64,7 @@ def compare(
         folder: where sums are kept every few seconds, so that a study that was stopped goes on, and one that is
             repeated with more runs only makes those that are new.
         backend: as in `run`.
+        show: numbers of runs, from 1, that are kept whole, with every filter's estimates: `Comparison.shown`.
         report: called with what is being done, how much is done, and of how much.
 
     Raises:
@@ -74,7 +75,7 @@ def compare(
     with warnings.catch_warnings():
         # Said once for each filter, in the notes, not for each block of runs.
         warnings.simplefilter("ignore", FoldingWarning)
-        return _compared(study, filters, runs, seed, particles, workers, chunk, folder, backend, report, begun)
+        return _compared(study, filters, runs, seed, particles, workers, chunk, folder, backend, show, report, begun)
 
 
 def _compared(
@@ -87,6 +88,7 @@ def _compared(
     chunk: int,
     folder: Path | str | None,
     backend: str | None,
+    show: Sequence[int],
     report: Report,
     begun: float,
 ) -> Comparison:
@@ -96,7 +98,7 @@ def _compared(
     if N:
         check_flat(study.model, "the optimum, which particles= asks for,")
         check_one_mode(study.model, "the optimum, which particles= asks for,")
-    check(study, count, N, workers, chunk, backend)
+    check(study, count, N, workers, chunk, backend, show)
     by = yardsticks(study, backend)
     no_bound = absent(study)
     work = Work(study, chosen, by, seed, not no_bound, backend)
@@ -150,20 +152,10 @@ def _compared(
         no_bound,
         prepared,
         {} if study.extra is None else study.extra(),
+        tuple(single_run(work, run) for run in show),
         time.perf_counter() - begun,
-        (*((note,) if note else ()), *_folding(study, chosen)),
+        (*((note,) if note else ()), *folding_notes(study, chosen)),
     )
-
-
-def _folding(study: Study, filters: Mapping[str, Filter]) -> list[str]:
-    """What is to be said of filters whose points fold at the start, a sentence each."""
-    k = None if study.inputs is None else np.shape(study.inputs)[-1]
-    return [
-        f"{name}: {said}"
-        for name, filter in filters.items()
-        if not isinstance(filter, Bank | ModeFilters) and not isinstance(study.model, SwitchingModel)
-        for said in folding(filter.on(0), study.model, study.prior, k)
-    ]
 
 
 def _parts(count: int, block: int, size: int) -> list[Rows]:

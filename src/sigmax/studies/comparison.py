@@ -8,6 +8,7 @@ import numpy as np
 from sigmax.filters import Filter
 from sigmax.studies.cost import Cost
 from sigmax.studies.measures import Measures
+from sigmax.studies.single import SingleRun
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Sums, Yardsticks
 from sigmax.views import words
@@ -50,6 +51,7 @@ class Comparison(NamedTuple):
         no_bound: why there is none.
         prepared: seconds that the first run took longer than the others, by filter: tracing and compiling.
         extra: what the study finds at its end besides, for the summary.
+        shown: the runs that were to be kept whole.
         seconds: how long it all took.
         notes: what else is to be known, as that former sums could not be used.
     """
@@ -69,6 +71,7 @@ class Comparison(NamedTuple):
     no_bound: str
     prepared: dict[str, float]
     extra: Mapping[str, Any]
+    shown: tuple[SingleRun, ...]
     seconds: float
     notes: tuple[str, ...] = ()
 

@@ -7,6 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from sigmax.reports.comparison.figures import label, over_first, reach, readable, shade, shown_unit
+from sigmax.reports.document import choices, place, section
 from sigmax.reports.figures.draw import Figure, colour, plain, safe
 from sigmax.studies import Comparison
 from sigmax.studies.study import Charts
@@ -139,3 +140,9 @@ def chart_figures(charts: Charts) -> dict[str, Figure]:
 def group_choices(c: Comparison) -> Sequence[tuple[str, str]]:
     """The groups for a menu: their numbers and names."""
     return [(str(k), group or "all") for k, group in enumerate(groups(c))]
+
+
+def charts_section(charts: Charts, mark: str) -> str:
+    """A section with a menu of them."""
+    asked = choices(("chart", "show", [(str(k), title) for k, title in enumerate(charts)], "0"))
+    return section(", ".join(charts), "", asked + place(f"{mark}chart", f"{mark}chart/{{chart}}"))

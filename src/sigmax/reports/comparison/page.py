@@ -15,7 +15,8 @@ from sigmax.reports.comparison.figures import (
     shade,
     shown_unit,
 )
-from sigmax.reports.comparison.grouped import chart_figures, cost_figures, group_choices
+from sigmax.reports.comparison.grouped import chart_figures, charts_section, cost_figures, group_choices
+from sigmax.reports.comparison.single import single_figures, single_section
 from sigmax.reports.comparison.standing import FAR, Standing, Word, standings
 from sigmax.reports.comparison.trade import trade_figure
 from sigmax.reports.comparison.verdict import RULES, facet, times, verdict
@@ -37,7 +38,6 @@ from sigmax.reports.figures.draw import Figure
 from sigmax.reports.folder import versions
 from sigmax.reports.verdict import significant
 from sigmax.studies import Comparison, Measures
-from sigmax.studies.study import Charts
 from sigmax.studies.sums import LOST
 
 
@@ -67,9 +67,12 @@ def _one(c: Comparison, mark: str) -> tuple[list[str], dict[str, Figure]]:
         figures |= histogram_figures(c) | cost_figures(c)
         sections += [_trade(found, mark), _curves(c, mark), _consistency(c, mark), _histograms(c, mark)]
         sections += [_lost(c), _cost(c, mark)]
+    if c.shown:
+        figures |= single_figures(c)
+        sections.append(single_section(c, mark))
     if c.study.charts is not None:
         figures |= chart_figures(c.study.charts(c.extra))
-        sections.append(_charts(c.study.charts(c.extra), mark))
+        sections.append(charts_section(c.study.charts(c.extra), mark))
     sections.append(_settings(c))
     return sections, figures
 
@@ -238,11 +241,6 @@ def _cost(c: Comparison, mark: str) -> str:
         + choices(("group", "filters", group_choices(c), "0"))
         + place(f"{mark}cost", f"{mark}cost/{{group}}"),
     )
-
-
-def _charts(charts: Charts, mark: str) -> str:
-    asked = choices(("chart", "show", [(str(k), title) for k, title in enumerate(charts)], "0"))
-    return section(", ".join(charts), "", asked + place(f"{mark}chart", f"{mark}chart/{{chart}}"))
 
 
 def _settings(c: Comparison) -> str:

@@ -1,6 +1,7 @@
 """The figures of a study as PNG and SVG, for papers and slides."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from matplotlib.ticker import LogFormatter
 from sigmax.reports.comparison.figures import label, named, reach, readable, shade, shown_unit
 from sigmax.reports.comparison.grouped import cost_picture, errors_picture, relative_picture, within_picture
 from sigmax.reports.comparison.labels import placed
+from sigmax.reports.comparison.single import single_picture
 from sigmax.reports.comparison.standing import Standing
 from sigmax.reports.comparison.trade import symbol
 from sigmax.reports.verdict import significant
@@ -38,6 +40,7 @@ def pictures(folder: Path, c: Comparison, found: Sequence[Standing]) -> None:
     }
     if c.study.groups:
         drawn |= {"groups": lambda: errors_picture(c), "within": lambda: within_picture(c)}
+    drawn |= {f"run-{run.run}": partial(single_picture, c, run) for run in c.shown}
     with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "sigmax"}):
         for name, draw in drawn.items():
             figure = draw()
