@@ -55,7 +55,7 @@ def main(
     no_wheels = z | {"wheels": np.full_like(z["wheels"], np.nan)}
     student = {"satellites": "student"}
     cases = {
-        "EKF": (sigmax.get("EKF", update="once"), z),
+        "EKF": (sigmax.get("EKF"), z),
         "EKF, positions weighed (`student`)": (sigmax.get("EKF", update=student), z),
         "SREKFB, positions weighed": (sigmax.get("SREKFB", update=student), z),
         "EKF, positions weighed, nothing said of sliding": (sigmax.get("EKF", update=student), no_wheels),

@@ -62,10 +62,39 @@ def _skew(v):
     return np.cross(v, np.eye(3)).T
 
 
-def test_a_vehicle_at_rest_on_the_turning_earth_stays():
+def test_the_noise_is_the_integral_of_its_densities():
+    """Of a body that does not turn: white noise on turn and speed, walks of the biases, by quadrature over a step."""
+    given = {"gyro": [1e-3, 2e-3, 3e-3], "accelerometer": [0.1, 0.2, 0.3], "gyro_bias": 4e-4,
+             "accelerometer_bias": [5e-3, 6e-3, 7e-3], "position": 0.05}  # fmt: skip
+    dt, densities = 0.7, np.zeros((15, 15))
+    for k, name in ((0, "gyro"), (3, "accelerometer"), (6, "position"), (9, "gyro_bias"), (12, "accelerometer_bias")):
+        densities[k : k + 3, k : k + 3] = np.diag(np.broadcast_to(np.square(given[name]), 3))
+    nodes, weights = np.polynomial.legendre.leggauss(5)
+    want = np.zeros((15, 15))
+    for s, w in zip(dt * (nodes + 1) / 2, weights * dt / 2, strict=True):
+        carried = np.eye(15)
+        carried[6:9, 3:6] = s * np.eye(3)
+        want += w * carried @ densities @ carried.T
+    assert np.allclose(navigation.strapdown().noise(**given)(dt), want, atol=1e-15)
+
+
+def test_a_start_is_uncertain_in_the_axes_of_the_world():
+    turned, stds = (0.3, -0.4, 2.0), {"attitude_std": [0.01, 0.02, 0.3], "velocity_std": [1.0, 2.0, 3.0],
+                                      "position_std": [4.0, 5.0, 6.0]}  # fmt: skip
+    prior = navigation.start(turned, (1, 2, 3), (4, 5, 6), **stds, gyro_bias_std=0.1, accelerometer_bias_std=0.2)
+    R = Rotation.from_euler("ZYX", turned[::-1]).as_matrix()
+    assert np.allclose(matrix(prior.mean[:4]), R)
+    for k, name in enumerate(stds):
+        block = np.asarray(prior.cov)[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+        assert np.allclose(R @ block @ R.T, np.diag(np.square(stds[name])), atol=1e-12)
+
+
+@pytest.mark.parametrize("north", [0, 1])
+def test_a_vehicle_at_rest_on_the_turning_earth_stays(north):
     latitude, q = 0.8, attitude(0.1, -0.2, 2.0)
-    motion = navigation.strapdown(latitude=latitude)
-    earth = 7.292115e-5 * np.array([0, np.cos(latitude), np.sin(latitude)])
+    motion = navigation.strapdown(latitude=latitude, north=north)
+    level = [np.cos(latitude), 0] if north == 0 else [0, np.cos(latitude)]
+    earth = 7.292115e-5 * np.array([*level, np.sin(latitude)])
     back = matrix(q).T
     u = np.concatenate([back @ earth, back @ [0, 0, navigation.gravity(latitude)]])
     x = np.concatenate([q, np.zeros(12)])
@@ -190,7 +219,7 @@ def test_it_runs_alike_however_it_is_run(backend):
     z = np.cumsum(np.random.default_rng(3).normal(size=(20, 3)), 0)
     native, *others = (
         sigmax.run(name, model, prior, z, dt=0.1, inputs=u, backend=engine)
-        for name, engine in (("EKF", "native"), ("EKF", backend), ("SREKFB", "native"))
+        for name, engine in (("EKF", "native"), ("EKF", backend), ("EIF", "native"))
     )
     for other in others:
         assert np.allclose(other.mean, native.mean, atol=1e-8)
@@ -233,6 +262,25 @@ def test_what_does_not_fit_is_a_message():
         (lambda: navigation.strapdown(north=2), "north is the horizontal axis 0 or 1"),
         (lambda: navigation.line_of_sight(), "give one of them"),
         (lambda: navigation.magnetometer((1.0, 2.0)), "field has three components"),
+        (lambda: navigation.strapdown(latitude=50.0), "a latitude is in radians"),
+        (lambda: navigation.strapdown().noise(-1e-3, 0.1), "at least 0"),
+        (lambda: navigation.strapdown().noise([1e-3, 1e-3], 0.1), "or three"),
+        (lambda: navigation.body_velocity(()), "axes of the body are some of 0, 1 and 2"),
+        (lambda: navigation.body_velocity((5,)), "axes of the body are some of 0, 1 and 2"),
+        (lambda: navigation.line_of_sight(star=(0, 0, 0)), "no zero"),
+        (
+            lambda: navigation.start(
+                (0, 0, 0),
+                (1, 2),
+                (0, 0, 0),
+                attitude_std=1,
+                velocity_std=1,
+                position_std=1,
+                gyro_bias_std=1,
+                accelerometer_bias_std=1,
+            ),
+            "velocity has three components",
+        ),
     ):
         with pytest.raises(sigmax.InputError, match=said):
             call()

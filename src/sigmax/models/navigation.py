@@ -14,27 +14,58 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.checks import numbers
-from sigmax.models.components import direction, extended_pose
+from sigmax.models.aiding import (
+    ACCELEROMETER_BIAS,
+    ATTITUDE,
+    BIASES,
+    GRAVITY,
+    GYRO_BIAS,
+    INPUTS,
+    POSITION,
+    VELOCITY,
+    body_velocity,
+    height,
+    line_of_sight,
+    magnetometer,
+    satellite_position,
+    satellite_velocity,
+    specific_force,
+    vector,
+)
+from sigmax.models.checks import is_traced, numbers
+from sigmax.models.components import extended_pose
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.parts import Motion, Sensor, made_once
+from sigmax.models.parts import Motion, made_once
 from sigmax.spaces import attitude, conjugate, cross, exponential, multiply, rotate
 from sigmax.spaces.quaternions import squared, stumpff
 
-GRAVITY = 9.80665
+__all__ = [
+    "body_velocity",
+    "gravity",
+    "height",
+    "line_of_sight",
+    "magnetometer",
+    "satellite_position",
+    "satellite_velocity",
+    "specific_force",
+    "start",
+    "strapdown",
+]
+
 # The Earth's turn in rad/s, and the constants of gravity on the ellipsoid (NIMA TR8350.2, WGS 84).
 _EARTH_RATE = 7.292115e-5
 _EQUATOR, _SOMIGLIANA, _ECCENTRICITY2 = 9.7803253359, 1.931852652458e-3, 6.69437999014e-3
 _AXIS, _FLATTENING, _CENTRIFUGAL = 6378137.0, 1 / 298.257223563, 3.449786506841e-3
 
-_BIASES = tuple(f"{of}_bias.{axis}" for of in ("gyro", "accelerometer") for axis in "xyz")
-_INPUTS = tuple(f"{of}_{axis}" for of in ("gyro", "accelerometer") for axis in "xyz")
-ATTITUDE, VELOCITY, POSITION = slice(0, 4), slice(4, 7), slice(7, 10)
-GYRO_BIAS, ACCELEROMETER_BIAS = slice(10, 13), slice(13, 16)
-
 
 def gravity(latitude: float, height: float = 0.0) -> float:
-    """Gravity in m/s² at a latitude (radians) and a height (m) above the ellipsoid (NIMA TR8350.2, (4-1), (4-3))."""
+    """Gravity in m/s² at a latitude (radians) and a height (m) above the ellipsoid (NIMA TR8350.2, (4-1), (4-3)).
+
+    Raises:
+        InputError: for a latitude beyond a quarter turn, such as one in degrees.
+    """
+    if not abs(latitude) <= math.pi / 2:
+        raise InputError(f"a latitude is in radians, between -π/2 and π/2; it is {latitude!r}: use numpy.radians")
     s = math.sin(latitude) ** 2
     normal = _EQUATOR * (1 + _SOMIGLIANA * s) / math.sqrt(1 - _ECCENTRICITY2 * s)
     first = 2 / _AXIS * (1 + _FLATTENING + _CENTRIFUGAL - 2 * _FLATTENING * s)
@@ -120,107 +151,17 @@ def strapdown(name: str = "craft", latitude: float | None = None, height: float 
 
         return Q
 
-    return Motion(function, (extended_pose(name), *_BIASES), noise, _INPUTS)
+    return Motion(function, (extended_pose(name), *BIASES), noise, INPUTS)
 
 
 def _squares(value: float | Sequence[float]) -> Any:
-    return jnp.broadcast_to(jnp.asarray(value) ** 2, (3,))
-
-
-@made_once
-def satellite_position(lever: Sequence[float] = (0.0, 0.0, 0.0)) -> Sensor:
-    """The position (3,) of an antenna that sits at a lever arm, m, in the axes of the body."""
-    arm = _vector("lever", lever)
-
-    def function(x: jax.Array) -> jax.Array:
-        return x[POSITION] + rotate(x[ATTITUDE], arm)
-
-    return Sensor(function, ("x", "y", "z"))
-
-
-@made_once
-def satellite_velocity(lever: Sequence[float] | None = None) -> Sensor:
-    """The velocity (3,) of an antenna; with a lever arm the inputs are those of the motion, for its turn."""
-    arm = _vector("lever", (0.0, 0.0, 0.0) if lever is None else lever)
-
-    def alone(x: jax.Array) -> jax.Array:
-        return x[VELOCITY]
-
-    def function(x: jax.Array, u: jax.Array) -> jax.Array:
-        return x[VELOCITY] + rotate(x[ATTITUDE], cross(u[:3] - x[GYRO_BIAS], arm))
-
-    names = ("vx", "vy", "vz")
-    return Sensor(alone, names) if lever is None else Sensor(function, names, _INPUTS)
-
-
-@made_once
-def body_velocity(axes: Sequence[int] = (0, 1, 2)) -> Sensor:
-    """The velocity in axes of the body: a wheel (0,); a car that does not slide, whose measurement is 0 (1, 2)."""
-    chosen = tuple(axes)
-
-    def function(x: jax.Array) -> jax.Array:
-        v = rotate(conjugate(x[ATTITUDE]), x[VELOCITY])
-        return jnp.stack([v[k] for k in chosen])
-
-    return Sensor(function, tuple(("forward", "sideways", "upward")[k] for k in chosen))
-
-
-@made_once
-def magnetometer(field: Sequence[float]) -> Sensor:
-    """The Earth's magnetic field (3,) in the axes of the body, from that in the axes of the world, in any unit."""
-    return _seen_from_the_body(_vector("field", field), ("mx", "my", "mz"))
-
-
-@made_once
-def specific_force(gravity: float = GRAVITY) -> Sensor:
-    """What accelerometers (3,) measure of a body that is not accelerated: its weight borne, upwards, and their bias."""
-
-    def function(x: jax.Array) -> jax.Array:
-        return rotate(conjugate(x[ATTITUDE]), jnp.array([0.0, 0.0, gravity])) + x[ACCELEROMETER_BIAS]
-
-    return Sensor(function, ("fx", "fy", "fz"))
-
-
-@made_once
-def height() -> Sensor:
-    """The height (1,), of a barometer."""
-
-    def function(x: jax.Array) -> jax.Array:
-        return x[POSITION][2:]
-
-    return Sensor(function, ("height",))
-
-
-@made_once
-def line_of_sight(star: Sequence[float] | None = None, landmark: Sequence[float] | None = None) -> Sensor:
-    """The direction, in the axes of the body, of a star in a direction of the world, or of a landmark at a place.
-
-    Raises:
-        InputError: for both or neither.
-    """
-    if (star is None) == (landmark is None):
-        raise InputError("a line of sight leads to a star (a direction) or to a landmark (a place): give one of them")
-    to = _vector("star" if landmark is None else "landmark", star if landmark is None else landmark)  # type: ignore[arg-type]
-
-    def function(x: jax.Array) -> jax.Array:
-        away = to if landmark is None else to - x[POSITION]
-        return rotate(conjugate(x[ATTITUDE]), away / jnp.sqrt(squared(away)))
-
-    return Sensor(function, (direction("sight"),))
-
-
-def _seen_from_the_body(vector: Any, names: tuple[str, ...]) -> Sensor:
-    def function(x: jax.Array) -> jax.Array:
-        return rotate(conjugate(x[ATTITUDE]), vector)
-
-    return Sensor(function, names)
-
-
-def _vector(what: str, given: Sequence[float]) -> Any:
-    found = numbers(what, given)
-    if np.shape(found) != (3,):
-        raise InputError(f"{what} has three components; it is {given!r}")
-    return jnp.asarray(found)
+    """Squares (3,) of one density or deviation, or of one an axis."""
+    if is_traced(value):
+        return jnp.broadcast_to(jnp.asarray(value) ** 2, (3,))
+    found = numbers("a density or deviation", value)
+    if np.shape(found) not in ((), (3,)) or not (found >= 0).all():
+        raise InputError(f"a density or deviation is one number of at least 0, or three; it is {value!r}")
+    return np.broadcast_to(np.square(found), (3,))
 
 
 def start(
@@ -246,12 +187,12 @@ def start(
         gyro_bias_std: rad/s, about 0.
         accelerometer_bias_std: m/s², about 0.
     """
-    q = attitude(*turned)
+    q = attitude(*vector("turned", turned).tolist())
     back = np.stack([np.asarray(rotate(conjugate(q), e)) for e in np.eye(3)], axis=1)
     cov = np.zeros((15, 15))
     for k, std in enumerate((attitude_std, velocity_std, position_std, gyro_bias_std, accelerometer_bias_std)):
         at = slice(3 * k, 3 * k + 3)
-        own = np.diag(np.broadcast_to(np.square(numbers("a deviation of the start", std)), (3,)))
+        own = np.diag(_squares(std))
         cov[at, at] = back @ own @ back.T if k < 3 else own
-    mean = np.concatenate([q, numbers("velocity", velocity), numbers("position", position), np.zeros(6)])
+    mean = np.concatenate([q, vector("velocity", velocity), vector("position", position), np.zeros(6)])
     return Gaussian(mean, cov)
