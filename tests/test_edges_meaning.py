@@ -64,6 +64,7 @@ def test_a_record_is_smoothed_over_the_steps_it_was_run_with(case, backend):
         np.testing.assert_allclose(sigmax.smooth("SRCKF", made, some, backend=backend).mean, want.mean[1:], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_gradient_goes_through_a_smoothed_run():
     def spread(q):
         made = model(Q=jnp.ones(4) * q)

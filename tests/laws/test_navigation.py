@@ -210,7 +210,8 @@ def test_a_world_turned_about_its_vertical_gives_the_same_turned(name):
     assert np.allclose(np.cos(yaw - turn), 1)
 
 
-@pytest.mark.parametrize("backend", ["native", pytest.param("xla", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", ["native", "xla"])
 def test_it_runs_alike_however_it_is_run(backend):
     u, motion = flight(20), navigation.strapdown()
     model = sigmax.Model(motion=motion, Q=motion.noise(*NOISES), sensor=FIX, R=[0.04, 0.04, 0.09])
