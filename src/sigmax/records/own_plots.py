@@ -31,12 +31,21 @@ from sigmax.tracking import (
     gnn,
     jpda,
     m_of_n,
+    mht,
     nearest,
     pda,
     two_point,
 )
+from sigmax.tracking.associate import Associate
+from sigmax.tracking.branches import MultiHypothesis
 
-_ASSOCIATE = {"gnn": gnn, "jpda": jpda, "pda": pda, "nearest": nearest}
+_ASSOCIATE: dict[str, Associate | MultiHypothesis] = {
+    "gnn": gnn,
+    "jpda": jpda,
+    "pda": pda,
+    "nearest": nearest,
+    "mht": mht(),
+}
 # Rows that cannot be read are quoted up to so many.
 _QUOTED = 20
 

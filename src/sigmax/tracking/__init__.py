@@ -1,6 +1,7 @@
 """From plots to tracks: initiation, gating, association, track life, for many targets at once."""
 
 from sigmax.tracking.associate import gnn, jpda, nearest, pda
+from sigmax.tracking.branches import mht
 from sigmax.tracking.cycle import Cycle
 from sigmax.tracking.detector import Detector, Located, Scan, crowded, in_shadow, polar, positions, reports
 from sigmax.tracking.health import SensorHealth, health
@@ -34,6 +35,7 @@ __all__ = [
     "in_shadow",
     "jpda",
     "m_of_n",
+    "mht",
     "nearest",
     "ospa",
     "pda",

@@ -134,8 +134,13 @@ def _hard(e: Evidence, chosen: np.ndarray) -> Association:
     share[chosen] = 1.0
     log_ratio = e.silence.copy()
     log_ratio[e.track[chosen]] = e.ratio[chosen]
+    return Association(share, existence_after(log_ratio, e.existence))
+
+
+def existence_after(log_ratio: np.ndarray, existence: np.ndarray) -> np.ndarray:
+    """The probability that there is a target, after what is so many times likelier if there is (Bayes)."""
     with np.errstate(divide="ignore", over="ignore"):
-        return Association(share, 1 / (1 + np.exp(-log_ratio) * (1 - e.existence) / e.existence))
+        return 1 / (1 + np.exp(-log_ratio) * (1 - existence) / existence)
 
 
 def _soft(e: Evidence, share: np.ndarray) -> Association:

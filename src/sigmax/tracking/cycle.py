@@ -10,8 +10,10 @@ from sigmax.errors import InputError, unknown
 from sigmax.models.checks import numbers
 from sigmax.tracking import life as lives
 from sigmax.tracking.associate import Associate, Evidence, gnn
+from sigmax.tracking.branches import Branches, MultiHypothesis
 from sigmax.tracking.detector import Detector, Scan
 from sigmax.tracking.extent import covered
+from sigmax.tracking.follow import associated, branched
 from sigmax.tracking.gate import gated
 from sigmax.tracking.initiate import Free, Initiate, Layout
 from sigmax.tracking.life import Life, Rule, by_existence
@@ -29,7 +31,7 @@ class Cycle:
         detectors: how each sensor of the model detects, by its name.
         initiate: how tracks begin: `single_plot`, `two_point`, `hypotheses`.
         layout: where position and velocity stand in the state.
-        associate: which plots they take: `nearest`, `gnn`, `pda`, `jpda`.
+        associate: which plots they take: `nearest`, `gnn`, `pda`, `jpda`, `mht()`.
         rule: when they are confirmed and end: `m_of_n`, `by_existence`.
         gate: probability that a target's plot lies in its gate.
         birth: probability that a free plot, or pair of plots, is a new target.
@@ -47,7 +49,7 @@ class Cycle:
     detectors: Mapping[str, Detector]
     initiate: Initiate
     layout: Layout = field(default_factory=Layout)
-    associate: Associate = gnn
+    associate: Associate | MultiHypothesis = gnn
     rule: Rule = field(default_factory=by_existence)
     gate: float = 0.999
     birth: float = 0.1
@@ -70,7 +72,10 @@ class Cycle:
 
     def begin(self) -> State:
         """No tracks yet."""
-        return State(lives.Tracks(None, self.modes.empty(), lives.none(len(self.layout.position))), 0, {})
+        branches = None
+        if isinstance(self.associate, MultiHypothesis):
+            branches = Branches.begun(np.empty(0, int), self.associate.scans)
+        return State(lives.Tracks(None, self.modes.empty(), lives.none(len(self.layout.position))), 0, {}, branches)
 
     def checked(self, scan: Scan) -> Scan:
         """The scan with its plots as numbers (k, m).
@@ -104,13 +109,18 @@ class Cycle:
         dt = 0.0 if tracks.time is None else scan.time - tracks.time
         beliefs, sound = self.modes.predict(tracks.beliefs, dt)
         life = lives.later(tracks.life, dt, self.lifetime)
-        faults, ended = int((~sound).sum()), life.id[~sound]
+        faults, ended, branches = int((~sound).sum()), life.id[~sound], state.branches
         if faults:
+            if branches is not None:
+                # A family ends with the branch that stands for it.
+                ended = life.id[~sound & branches.best]
+                sound &= ~np.isin(life.id, ended)
+                branches = branches.take(sound)
             beliefs, life = beliefs.take(sound), life.take(sound)
         # Without inputs of its own a sensor takes none.
         u = scan.u if self.modes.model.sensor_inputs[scan.sensor] else None
         pairs = gated(self.modes, beliefs, scan._replace(u=u), self.gate)
-        B, k = len(life.id), len(scan.z)
+        k = len(scan.z)
         seen = detector.detects(pairs.expected)
         seen = np.where(np.isfinite(seen), seen, 0.0)
         with np.errstate(divide="ignore"):
@@ -118,62 +128,80 @@ class Cycle:
                 seen[pairs.track] / detector.false(scan.z)[pairs.plot]
             )
         evidence = Evidence(pairs.track, pairs.plot, ratio, np.log1p(-seen * self.gate), life.existence, k)
-        found = self.associate(evidence)
-        beliefs = self.modes.update(beliefs, pairs.made, pairs.track, found.share)
-        hit, plot, nis = _best(pairs.track, pairs.plot, pairs.made.nis, found.share, B)
-        life = life.told(scan.time, hit, seen > 0.05, found.existence)
+        args = scan.time, beliefs, life, pairs, evidence, seen > 0.05
+        if isinstance(self.associate, MultiHypothesis):
+            assert branches is not None
+            after = branched(self.modes, self.associate, *args, branches)
+        else:
+            after = associated(self.modes, self.associate, *args)
         own = life.confirmed[pairs.track]
+        confirmed = life.confirmed if branches is None else life.confirmed & branches.best
         gates = Gates(
             plots=k,
             gated=len(np.unique(pairs.plot)),
-            expected=float((seen * self.gate)[life.confirmed].sum()),
-            found=float(found.share[own].sum()),
-            nis=float((found.share * pairs.made.nis)[own].sum()),
-            dof=float((found.share * pairs.made.dof)[own].sum()),
+            expected=float((seen * self.gate)[confirmed].sum()),
+            found=float(after.share[own].sum()),
+            nis=float((after.share * pairs.made.nis)[own].sum()),
+            dof=float((after.share * pairs.made.dof)[own].sum()),
         )
-        confirm, drop = self.rule(scan.time, life)
-        mean, cov = self.modes.moments(beliefs)
+        beliefs, life, branches = after.beliefs, after.life, after.branches
+        # What is decided of a track is decided by the branch that is reported, for all of them.
+        reported = beliefs.take(after.reported)
+        main = life.take(after.reported)
+        plot, nis = after.plot[after.reported], after.nis[after.reported]
+        confirm, drop = self.rule(scan.time, main)
+        mean, cov = self.modes.moments(reported)
         speed, deviation = self.layout.speed(mean, cov)
         drop |= speed - 3 * deviation > self.max_speed
         confirm &= speed <= self.max_speed
         if self.moving is not None:
-            way = np.linalg.norm(mean[:, self.layout.position] - life.origin, axis=1)
+            way = np.linalg.norm(mean[:, self.layout.position] - main.origin, axis=1)
             confirm &= (way > self.moving[0]) | (speed - 2 * deviation > self.moving[1])
-        life = life._replace(confirmed=life.confirmed | (confirm & ~drop))
-        drop |= lives.duplicates(mean, cov, self.layout.position, life, self.merge)
-        ended = np.concatenate([ended, life.id[drop]])
+        main = main._replace(confirmed=main.confirmed | (confirm & ~drop))
+        life = life._replace(confirmed=main.confirmed[after.track])
+        drop |= lives.duplicates(mean, cov, self.layout.position, main, self.merge)
+        ended = np.concatenate([ended, main.id[drop]])
+        stay = ~drop[after.track]
+        weight = reported.weight
         if drop.any():
-            stay = ~drop
             beliefs, life = beliefs.take(stay), life.take(stay)
-            mean, cov, plot, nis = (a[stay] for a in (mean, cov, plot, nis))
+            branches = None if branches is None else branches.take(stay)
+            main = main.take(~drop)
+            mean, cov, plot, nis, weight = (a[~drop] for a in (mean, cov, plot, nis, weight))
         memory, next_id = state.memory, state.next_id
         if detector.locate is not None:
-            free = 1 - np.minimum(summed(found.share, pairs.plot, k), 1) > 0.5
+            free = 1 - np.minimum(summed(after.share, pairs.plot, k), 1) > 0.5
             memory, next_id, born, started = self._begun(
-                state, scan, np.flatnonzero(free), mean[life.confirmed], cov[life.confirmed]
+                state, scan, np.flatnonzero(free), mean[main.confirmed], cov[main.confirmed]
             )
             if len(started.id):
                 fresh_mean, fresh_cov = self.modes.moments(born.beliefs)
-                beliefs, life = beliefs.joined(born.beliefs), life.joined(started)
+                if isinstance(self.associate, MultiHypothesis) and branches is not None:
+                    # What begins is there for certain: no other track may take its plot any more.
+                    others = branches.without(born.plot)
+                    beliefs, life = beliefs.take(others), life.take(others)
+                    branches = branches.take(others).joined(Branches.begun(born.plot, self.associate.scans))
+                beliefs, life, main = beliefs.joined(born.beliefs), life.joined(started), main.joined(started)
                 mean, cov = np.concatenate([mean, fresh_mean]), np.concatenate([cov, fresh_cov])
+                weight = np.concatenate([weight, born.beliefs.weight])
                 plot = np.concatenate([plot, born.plot])
                 nis = np.concatenate([nis, np.full(len(born.plot), np.nan)])
         told = Told(
             scan.time,
             scan.sensor,
-            life.id,
-            life.confirmed,
-            life.existence,
+            main.id,
+            main.confirmed,
+            main.existence,
             mean,
             cov,
-            beliefs.weight,
+            weight,
             plot,
             nis,
             gates,
             ended,
             faults,
         )
-        return State(lives.Tracks(scan.time, beliefs, life), next_id, memory), told
+        return State(lives.Tracks(scan.time, beliefs, life), next_id, memory, branches), told
 
     def _begun(
         self, state: State, scan: Scan, free: np.ndarray, mean: np.ndarray, cov: np.ndarray
@@ -200,18 +228,3 @@ class Cycle:
 class _Born(NamedTuple):
     beliefs: Any
     plot: np.ndarray
-
-
-def _best(
-    track: np.ndarray, plot: np.ndarray, nis: np.ndarray, share: np.ndarray, count: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Whether each track most likely had a plot, which, and its NIS."""
-    order = np.argsort(share, kind="stable")
-    best = np.full(count, -1)
-    best[track[order]] = order
-    hit = np.bincount(track, share, count) > 0.5
-    place = np.where(hit, best, -1)
-    chosen = place >= 0
-    told_plot, told_nis = np.full(count, -1), np.full(count, np.nan)
-    told_plot[chosen], told_nis[chosen] = plot[place[chosen]], nis[place[chosen]]
-    return hit, told_plot, told_nis

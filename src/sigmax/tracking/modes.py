@@ -54,6 +54,10 @@ class Corrections(NamedTuple):
     nis: np.ndarray
     dof: np.ndarray
 
+    def take(self, index: np.ndarray) -> "Corrections":
+        """Some of the plots."""
+        return Corrections(tuple(r[index] for r in self.rows), *(a[index] for a in self[1:]))
+
 
 class Modes:
     """Filters on models of one state, and how a target changes between them.

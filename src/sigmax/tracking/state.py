@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sigmax.tracking.branches import Branches
 from sigmax.tracking.life import Tracks
 
 
@@ -69,8 +70,11 @@ class State(NamedTuple):
         tracks: the tracks.
         next_id: of the next track that begins.
         memory: what the rule of initiation remembers, by sensor.
+        branches: with `mht`, what tells the branches of targets apart: each row of `tracks` is a branch, and those of
+            one target have its number; else None.
     """
 
     tracks: Tracks
     next_id: int
     memory: Mapping[str, Any]
+    branches: Branches | None = None
