@@ -33,7 +33,7 @@ def best_packing(family: np.ndarray, score: np.ndarray, plots: np.ndarray, fallb
         return best
     scan = np.arange(plots.shape[1]) * (plots.max(initial=0) + 1)
     used = plots >= 0
-    branch, column = np.nonzero(used)
+    branch = np.nonzero(used)[0]
     _, item = np.unique((plots + scan)[used], return_inverse=True)
     # A plot that only one family uses binds nobody.
     users = np.unique(item * F + family[branch]) // F
