@@ -28,24 +28,11 @@ from sigmax.tracking import (
     Scan,
     Truth,
     by_existence,
-    gnn,
-    jpda,
     m_of_n,
-    mht,
-    nearest,
-    pda,
     two_point,
 )
-from sigmax.tracking.associate import Associate
-from sigmax.tracking.branches import MultiHypothesis
+from sigmax.tracking.rules import ASSOCIATIONS
 
-_ASSOCIATE: dict[str, Associate | MultiHypothesis] = {
-    "gnn": gnn,
-    "jpda": jpda,
-    "pda": pda,
-    "nearest": nearest,
-    "mht": mht(),
-}
 # Rows that cannot be read are quoted up to so many.
 _QUOTED = 20
 
@@ -168,8 +155,8 @@ def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> 
         InputError: for names, options and units that do not fit.
     """
     top = quantity(part.max_speed, SPEED, "tracking.max_speed")
-    if part.associate not in _ASSOCIATE:
-        raise InputError(f"tracking.associate: {unknown('rule', part.associate, _ASSOCIATE)}")
+    if part.associate not in ASSOCIATIONS:
+        raise InputError(f"tracking.associate: {unknown('rule', part.associate, ASSOCIATIONS)}")
     state = [str(name) for name in built.model.state]
     names = [state[i] for i in built.position]
     layout = _layout(built, description, state, names)
@@ -197,7 +184,7 @@ def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> 
             detectors,
             two_point(top, within),
             layout=layout,
-            associate=_ASSOCIATE[part.associate],
+            associate=ASSOCIATIONS[part.associate],
             rule=rule,
             extent=extent,
             max_speed=top,
