@@ -6,7 +6,7 @@ import pytest
 import sigmax
 from sigmax import filterpy as ours
 from sigmax.filterpy import compiled, steps
-from sigmax.filterpy.whole import Whole
+from sigmax.filterpy.compiled_calls import CompiledCall
 from sigmax.native.calls import extension
 
 N, M = 3, 2
@@ -81,7 +81,7 @@ def test_a_compiled_step_is_the_step_of_numpy(make, monkeypatch):
         return found
 
     whole_steps = stepped()
-    monkeypatch.setattr(Whole, "__call__", lambda *given: NotImplemented)
+    monkeypatch.setattr(CompiledCall, "__call__", lambda *given: NotImplemented)
     kept = compiled.predicting, compiled.correcting
     calls = []
     monkeypatch.setattr(steps, "predicting", lambda *shapes: calls.append(shapes) or kept[0](*shapes))
@@ -347,7 +347,7 @@ def test_a_missing_component_is_left_out():
 
 def test_functions_are_called_with_all_points_at_once_where_they_allow_it(monkeypatch):
     """The same numbers, for a function that cannot take many points and one that would answer wrongly."""
-    monkeypatch.setattr(Whole, "__call__", lambda *given: NotImplemented)
+    monkeypatch.setattr(CompiledCall, "__call__", lambda *given: NotImplemented)
     shapes = []
 
     def together(x, dt):
@@ -426,7 +426,7 @@ def test_points_drawn_by_a_class_of_the_user_are_those_it_draws():
 @pytest.mark.parametrize("whole", [True, False])
 def test_functions_given_with_a_call_are_not_kept_for_ever_and_need_no_hash(whole, monkeypatch):
     if not whole:
-        monkeypatch.setattr(Whole, "__call__", lambda *given: NotImplemented)
+        monkeypatch.setattr(CompiledCall, "__call__", lambda *given: NotImplemented)
 
     class Sensor:
         __hash__ = None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sigmax import filterpy as ours
-from sigmax.filterpy.whole import Whole
+from sigmax.filterpy.compiled_calls import CompiledCall
 from sigmax.native.calls import extension
 
 pytestmark = pytest.mark.skipif(extension() is None, reason="there is no compiler or no Python.h")
@@ -78,14 +78,14 @@ def same(a, b):
 @pytest.fixture
 def used(monkeypatch):
     """How many half-steps were compiled ones, and how many were not."""
-    counts, call = [0, 0], Whole.__call__
+    counts, call = [0, 0], CompiledCall.__call__
 
     def counted(self, *given):
         made = call(self, *given)
         counts[made is NotImplemented] += 1
         return made
 
-    monkeypatch.setattr(Whole, "__call__", counted)
+    monkeypatch.setattr(CompiledCall, "__call__", counted)
     return counts
 
 
@@ -110,7 +110,7 @@ def circular(points, weights):
 def test_compiled_steps_are_those_of_numpy(make, used, monkeypatch):
     compiled = stepped(make())
     assert used == [2 * len(Z), 0]
-    monkeypatch.setattr(Whole, "__call__", lambda *given: NotImplemented)
+    monkeypatch.setattr(CompiledCall, "__call__", lambda *given: NotImplemented)
     same(compiled, stepped(make()))
 
 
@@ -138,7 +138,7 @@ def test_whatever_a_function_reads_is_read_as_it_is_now(monkeypatch):
                 fresh = unscented(k.fx, k.hx)
                 fresh.x, fresh.P = k.x.copy(), k.P.copy()
                 with monkeypatch.context() as plain:
-                    plain.setattr(Whole, "__call__", lambda *given: NotImplemented)
+                    plain.setattr(CompiledCall, "__call__", lambda *given: NotImplemented)
                     stepped(fresh, Z[:1])
                 same(stepped(k, Z[:1]), fresh)
     finally:

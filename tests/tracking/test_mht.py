@@ -8,7 +8,7 @@ import pytest
 from sigmax.tracking import Detector, Scan, Tracker, gnn, mht
 from sigmax.tracking.branches import Branches
 from sigmax.tracking.life import Life, Tracks
-from sigmax.tracking.packing import best_packing
+from sigmax.tracking.set_packing import best_packing
 from sigmax.tracking.state import State
 from tests.tracking.worlds import NOISE, cycle, modes, world
 

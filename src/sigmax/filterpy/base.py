@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.filterpy import half_steps, steps
+from sigmax.filterpy import steps, user_steps
 from sigmax.filterpy.compiled import Corrected, Predicted
 from sigmax.models.checks import numbers
 
@@ -104,7 +104,7 @@ class Base:
     def _linear_prediction(self, F: Any, Q: Any = None) -> bool:
         """Predict by F in one compiled call; False where there is none."""
         S, Lq = self._factor(), self._noise_factor("Q", self.Q if Q is None else Q, self.dim_x)
-        made = half_steps.MOVING(self.x, S, Lq, F)
+        made = user_steps.MOVING(self.x, S, Lq, F)
         if made is NotImplemented or not made.sound:
             return False
         self._take_prediction(made)

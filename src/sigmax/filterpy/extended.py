@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.filterpy import half_steps, steps
+from sigmax.filterpy import steps, user_steps
 from sigmax.filterpy.base import Base, measured, tuple_of
-from sigmax.filterpy.whole import Recent, Whole
+from sigmax.filterpy.compiled_calls import CompiledCall, Recent
 
 
 class ExtendedKalmanFilter(Base):
@@ -80,13 +80,13 @@ class ExtendedKalmanFilter(Base):
         if last[0] is not jacobian or last[1] is not hx:
             now = jacobian, hx
 
-            def make() -> Whole:
+            def make() -> CompiledCall:
                 def calls(x: Any, *_: Any) -> Any:
                     return [(function, (x,)) for function in now]
 
-                return Whole(lambda: half_steps.extended_correction(*now), now, half_steps.Seen, calls=calls)
+                return CompiledCall(lambda: user_steps.extended_correction(*now), now, user_steps.Seen, calls=calls)
 
-            step = self._recent.whole(False, now, make)
+            step = self._recent.compiled(False, now, make)
             self._recent.last[False] = now, step
         S, Lr = self._factor(), self._noise_factor("R", self.R if R is None else R, self.dim_z)
         made = step(self.x, S, Lr, seen)

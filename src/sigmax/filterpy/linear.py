@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.filterpy import half_steps, steps
+from sigmax.filterpy import steps, user_steps
 from sigmax.filterpy.base import Base, matrix, measured
 from sigmax.filterpy.compiled import Predicted
 
@@ -76,7 +76,7 @@ class KalmanFilter(Base):
         if seen.size != self.dim_z:
             return False
         S, Lr = self._factor(), self._noise_factor("R", self.R if R is None else R, self.dim_z)
-        made = half_steps.SEEING(self.x, S, Lr, seen, self.H if H is None else H)
+        made = user_steps.SEEING(self.x, S, Lr, seen, self.H if H is None else H)
         if made is NotImplemented or not made.sound:
             return False
         self._take_correction(made)

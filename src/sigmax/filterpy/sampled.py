@@ -11,9 +11,9 @@ from sigmax.errors import InputError
 from sigmax.filterpy import steps
 from sigmax.filterpy.base import Base, measured, tuple_of
 from sigmax.filterpy.calls import Pointwise, is_same
-from sigmax.filterpy.half_steps import of_points
+from sigmax.filterpy.compiled_calls import Recent
 from sigmax.filterpy.points import Cubature, plain
-from sigmax.filterpy.whole import Recent
+from sigmax.filterpy.user_steps import of_points
 
 Hook = Callable[..., Any] | None
 
@@ -110,14 +110,14 @@ class _Sampled(Base):
     ) -> Any:
         """A compiled half-step, NotImplemented where there is none."""
         mean, residual = (self.x_mean, self.residual_x) if moving else (self.z_mean, self.residual_z)
-        last, whole = self._recent.last[moving]
+        last, step = self._recent.last[moving]
         now = function, self.points_fn, self.Wm, self.Wc, mean, residual, self.state_add
         if named or not all(map(is_, last, now)):
             names = tuple(named)
-            whole = self._recent.whole((moving, names), now, lambda: of_points(now, moving, names))
+            step = self._recent.compiled((moving, names), now, lambda: of_points(now, moving, names))
             if not named:
-                self._recent.last[moving] = now, whole
-        return whole(self.x, *given, *arguments, *named.values())
+                self._recent.last[moving] = now, step
+        return step(self.x, *given, *arguments, *named.values())
 
     def _through(self, function: Any) -> Pointwise:
         for known in self._calls:

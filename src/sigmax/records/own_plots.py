@@ -31,7 +31,7 @@ from sigmax.tracking import (
     m_of_n,
     two_point,
 )
-from sigmax.tracking.rules import ASSOCIATIONS
+from sigmax.tracking.associations import ASSOCIATIONS
 
 # Rows that cannot be read are quoted up to so many.
 _QUOTED = 20

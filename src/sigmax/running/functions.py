@@ -18,7 +18,7 @@ from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of, takes
 from sigmax.models.switching import SwitchingModel
 from sigmax.native.refusal import user_line
 from sigmax.running.bounds import check_indices
-from sigmax.running.calls import check_calls
+from sigmax.running.plain_calls import check_calls
 from sigmax.running.precision import coarse_constants
 
 # What is returned in another shape, and what to write.

@@ -12,7 +12,7 @@ from sigmax.filters import Filter
 from sigmax.models.fusion import Fused
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, check_flat
-from sigmax.running.course import Course
+from sigmax.running.clocked_engine import ClockedEngine
 from sigmax.running.covariances import covariances
 from sigmax.running.current import current_model
 from sigmax.running.estimate import Estimate
@@ -89,18 +89,18 @@ class Live(LiveEstimate):
         if self._zero is not None:
             self._how["time"] = time
         about = typed(prior.mean, self._dtype), typed(prior.cov, self._dtype), layout, backend
-        self._course = Course(self.filter, self.model, *about, self._seconds(time), *spans)
-        self.counts = self._course.counts
+        self._clocked = ClockedEngine(self.filter, self.model, *about, self._seconds(time), *spans)
+        self.counts = self._clocked.counts
 
     def predict(self, dt: Span | None = None, u: Any = None, *, time: Any = None) -> None:
         """Move the state dt seconds on, or to a time, with inputs u (k,) where the motion takes them."""
         if (dt is None) == (time is None):
             raise InputError("predict moves by dt seconds or to a time: give one of the two")
         # In a window the inputs of the motion that are not told are those of other steps.
-        borrowed = u is None and self._course.keeps and not self._given.fused
+        borrowed = u is None and self._clocked.keeps and not self._given.fused
         given = None if borrowed else self._given.moving(u)
         elapsed = None if dt is None else seconds_of(dt)
-        self._course.take(None, given, elapsed, self._seconds(time))
+        self._clocked.take(None, given, elapsed, self._seconds(time))
 
     def update(
         self, z: Any, sensor: str | None = None, *, R: Any = None, u: Any = None, time: Any = None
@@ -119,8 +119,8 @@ class Live(LiveEstimate):
             Residual, factor of its covariance, NIS and log-likelihood.
         """
         at = self._seconds(time)
-        later = at is not None and at > self._course.time
-        moved = u is not None or self._given.fused if self._course.keeps else later
+        later = at is not None and at > self._clocked.time
+        moved = u is not None or self._given.fused if self._clocked.keeps else later
         return self._take(self._given.heard(z, sensor, R, u, moved), None, at)
 
     def update_together(self, together: Fused) -> Innovation:
@@ -138,14 +138,14 @@ class Live(LiveEstimate):
             raise InputError("name the components of the measurement in the model: R is a function and counts none")
         nothing = np.zeros((*self._tracks, len(names)), self._dtype)
         given = self._given.noise(name, R), self._given.inputs(u, "sensor", name)
-        told = self._course.expected(name, nothing, *given)
+        told = self._clocked.expected(name, nothing, *given)
         return -np.asarray(told.residual), covariances(np.asarray(told.factor))
 
     def step(self, z: Any, dt: Span, sensor: str | None = None, *, R: Any = None, u: Any = None) -> Innovation:
         """`predict(dt)` and `update(z)` in one compiled call."""
-        course = self._course
+        clocked = self._clocked
         if R is None and u is None and z is not None and isinstance(dt, _NUMBER) and 0 <= dt < _INFINITY:
-            told = course.at_once(sensor, dt, z)
+            told = clocked.at_once(sensor, dt, z)
             if told is not NotImplemented:
                 return told
         return self._take(self._given.heard(z, sensor, R, u, True), seconds_of(dt), None)
@@ -161,7 +161,7 @@ class Live(LiveEstimate):
             InputError: for a time of which nothing is kept.
         """
         given = None if u is None else self._given.moving(u)
-        return self._dated(self._course.at(self._seconds(time), given))
+        return self._dated(self._clocked.at(self._seconds(time), given))
 
     @property
     def lagged(self) -> Estimate | None:
@@ -169,12 +169,12 @@ class Live(LiveEstimate):
 
         It is what `smooth` says of it after a run up to now, and costs a step of the smoother for each step since.
         """
-        found = self._course.lagged()
+        found = self._clocked.lagged()
         return None if found is None else self._dated(found)
 
     def save(self) -> bytes:
         """The state as bytes; `restore` gives it back bit for bit, in another process too."""
-        return saved([*self._course.saved(), self._zero], self._identity)
+        return saved([*self._clocked.saved(), self._zero], self._identity)
 
     def restore(self, bytes: bytes) -> None:
         """Take up a state that `save` gave, of the same filter, model, batch and version of the library.
@@ -182,11 +182,11 @@ class Live(LiveEstimate):
         Raises:
             InputError: where the bytes are no such state, damaged, not finite, or of something else.
         """
-        *value, zero = restored(bytes, self._course.saved(), self._identity)
+        *value, zero = restored(bytes, self._clocked.saved(), self._identity)
         if (zero is None) != (self._zero is None):
             kinds = [("instants", "seconds")[one is None] for one in (zero, self._zero)]
             raise InputError(f"the saved state counts time in {kinds[0]}, this filter in {kinds[1]}: see time=")
-        self._course.restore(value)
+        self._clocked.restore(value)
         self._zero = zero
 
     @cached_property
@@ -216,9 +216,9 @@ class Live(LiveEstimate):
         return replace(found, stored_time=time, layout=found.layout._replace(dated=True))
 
     def _take(self, heard: Heard, dt: float | None, time: float | None) -> Innovation:
-        said = self._course.take(heard, heard.u, dt, time)
+        said = self._clocked.take(heard, heard.u, dt, time)
         return heard.unheard(self.model) if said is None else said
 
     def put(self, belief: Any, fault: Any) -> None:
         """Take up a belief laid out as `belief` gives it; with a window, no measurement of before is taken any more."""
-        self._course.put(belief, fault)
+        self._clocked.put(belief, fault)

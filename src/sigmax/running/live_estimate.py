@@ -8,7 +8,7 @@ from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
-from sigmax.running.course import Course
+from sigmax.running.clocked_engine import ClockedEngine
 from sigmax.running.layout import Layout
 from sigmax.running.live_native import NativeState
 from sigmax.running.presentation import estimates, probabilities
@@ -23,7 +23,7 @@ class LiveEstimate:
     filter: Filter
     model: Model
     layout: Layout
-    _course: Course
+    _clocked: ClockedEngine
     _zero: int | None
     _batched: bool
     _biased: bool
@@ -33,28 +33,28 @@ class LiveEstimate:
     @property
     def engine(self) -> str:
         """What computes its steps: "native", or "xla" where the C compiler could not compile them."""
-        return "native" if isinstance(self._course.engine, NativeState) else "xla"
+        return "native" if isinstance(self._clocked.engine, NativeState) else "xla"
 
     @property
     def time(self) -> Any:
         """What time it is, that of the latest step: seconds, or datetime64 in UTC where the prior has an instant."""
-        return since(self._zero, self._course.time)
+        return since(self._zero, self._clocked.time)
 
     @property
     def mean(self) -> np.ndarray:
         """The estimate (n,) or (B, n)."""
-        mean = self._course.still.read_mean()
+        mean = self._clocked.still.read_mean()
         return mean[..., self._numbers[0]] if self._biased else mean
 
     @property
     def bias_mean(self) -> np.ndarray:
         """The estimate of the bias (p,) or (B, p)."""
-        return self._course.engine.read_mean()[..., self._numbers[1]]
+        return self._clocked.engine.read_mean()[..., self._numbers[1]]
 
     @property
     def bias_cov(self) -> np.ndarray:
         """Its covariance (p, p) or (B, p, p)."""
-        return self._course.engine.read_cov()[..., self._deviations[1], self._deviations[1]]
+        return self._clocked.engine.read_cov()[..., self._deviations[1], self._deviations[1]]
 
     @property
     def bias_std(self) -> np.ndarray:
@@ -64,7 +64,7 @@ class LiveEstimate:
     @property
     def cov(self) -> np.ndarray:
         """Its covariance (n, n) or (B, n, n)."""
-        cov = self._course.still.read_cov()
+        cov = self._clocked.still.read_cov()
         return cov[..., self._deviations[0], self._deviations[0]] if self._biased else cov
 
     @property
@@ -75,7 +75,7 @@ class LiveEstimate:
     @property
     def information(self) -> tuple[np.ndarray, np.ndarray]:
         """The information pair y = Y x (n,) and Y = P⁻¹ (n, n), or (B, n) and (B, n, n): see `Result.information`."""
-        pair: tuple[np.ndarray, np.ndarray] = self._course.at(self._course.time, None).information
+        pair: tuple[np.ndarray, np.ndarray] = self._clocked.at(self._clocked.time, None).information
         return pair
 
     @property
@@ -88,30 +88,30 @@ class LiveEstimate:
     @property
     def belief(self) -> Any:
         """Mean and factor of state and bias together, batch last."""
-        return self._course.still.belief
+        return self._clocked.still.belief
 
     @property
     def ok(self) -> Any:
         """Whether the last call was sound: a bool, or one for each track."""
-        fault = self._course.engine.fault
+        fault = self._clocked.engine.fault
         return np.asarray(fault) == 0 if self._batched else not fault.any()
 
     @property
     def fault(self) -> Any:
         """Why it was not: a `Fault`, or a list of one for each track."""
-        found = [Fault(int(f)) for f in np.ravel(self._course.engine.fault)]
+        found = [Fault(int(f)) for f in np.ravel(self._clocked.engine.fault)]
         return found if self._batched else found[0]
 
     def _root_of_squares(self, rows: slice) -> np.ndarray:
-        S = self._course.engine.factor[..., rows, :]
+        S = self._clocked.engine.factor[..., rows, :]
         return np.sqrt((S * S).sum(-1))
 
     def __repr__(self) -> str:
         title = f"Live {self.filter.name}, {self.engine} engine"
-        if self._course.busy:
+        if self._clocked.busy:
             return f"{title}, in use by another thread"
         first = (0,) if self._batched else ()
-        mean, S = self._course.engine.read_mean(), self._course.engine.factor[first]
+        mean, S = self._clocked.engine.read_mean(), self._clocked.engine.factor[first]
         rows = [("time", str(self.time) if self._zero is not None else f"{self.time:g} s")]
         rows += [("tracks", f"{len(mean):,}, the first:")] if self._batched else []
         rows += [probabilities(self.layout.modes, self.probability[first])] if self.layout.modes else []

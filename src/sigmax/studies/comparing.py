@@ -21,7 +21,7 @@ from sigmax.studies.comparison import Comparison, Optimum
 from sigmax.studies.cost import Cost, costs
 from sigmax.studies.measures import measures, tends_to
 from sigmax.studies.progress import FILE, NOTHING, Totals, add, add_paired, restore, store
-from sigmax.studies.single import single_run
+from sigmax.studies.single_run import single_run
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Sums
 from sigmax.studies.work import CHECK, OPTIMUM, Rows, Runs, Work, beside_the_optimum, block, estimate

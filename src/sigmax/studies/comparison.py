@@ -8,7 +8,7 @@ import numpy as np
 from sigmax.filters import Filter
 from sigmax.studies.cost import Cost
 from sigmax.studies.measures import Measures
-from sigmax.studies.single import SingleRun
+from sigmax.studies.single_run import SingleRun
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Sums, Yardsticks
 from sigmax.views import words

@@ -7,7 +7,7 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.models.parts import made_once
 from sigmax.tracking.associate import Evidence, existence_after
-from sigmax.tracking.packing import best_packing
+from sigmax.tracking.set_packing import best_packing
 
 
 class Branches(NamedTuple):

@@ -16,7 +16,7 @@ from sigmax.reports.comparison.figures import (
     shown_unit,
 )
 from sigmax.reports.comparison.grouped import chart_figures, charts_section, cost_figures, group_choices
-from sigmax.reports.comparison.single import single_figures, single_section
+from sigmax.reports.comparison.single_runs import single_figures, single_section
 from sigmax.reports.comparison.standing import FAR, Standing, Word, standings
 from sigmax.reports.comparison.trade import trade_figure
 from sigmax.reports.comparison.verdict import RULES, facet, times, verdict

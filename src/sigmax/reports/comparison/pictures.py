@@ -15,7 +15,7 @@ from matplotlib.ticker import LogFormatter
 from sigmax.reports.comparison.figures import label, named, reach, readable, shade, shown_unit
 from sigmax.reports.comparison.grouped import cost_picture, errors_picture, relative_picture, within_picture
 from sigmax.reports.comparison.labels import placed
-from sigmax.reports.comparison.single import single_picture
+from sigmax.reports.comparison.single_runs import single_picture
 from sigmax.reports.comparison.standing import Standing
 from sigmax.reports.comparison.trade import symbol
 from sigmax.reports.verdict import significant

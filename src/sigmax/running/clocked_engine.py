@@ -23,7 +23,7 @@ from sigmax.running.window import Engine, Event, Standing, Window, reach
 SHARED = "another thread is using this live filter; give each thread one of its own, or hold a lock around its calls"
 
 
-class Course:
+class ClockedEngine:
     """An engine and a clock; with a window or a lag, the steps of so much time.
 
     Args:

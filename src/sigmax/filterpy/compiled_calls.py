@@ -20,7 +20,7 @@ from sigmax.tracing import check_alike, traceable
 LARGEST = 2500
 
 
-class Whole:
+class CompiledCall:
     """A half-step compiled when it is first called, and again when what it watches has changed.
 
     Args:
@@ -89,12 +89,12 @@ class Recent:
 
     def __init__(self) -> None:
         self.last: dict[bool, tuple[Any, Any]] = dict.fromkeys((True, False), ((None,), None))
-        self.found: deque[tuple[Any, Any, Whole]] = deque(maxlen=8)
+        self.found: deque[tuple[Any, Any, CompiledCall]] = deque(maxlen=8)
 
     def __reduce__(self) -> Any:
         return Recent, ()
 
-    def whole(self, kind: Any, now: tuple[Any, ...], make: Callable[[], Whole]) -> Whole:
+    def compiled(self, kind: Any, now: tuple[Any, ...], make: Callable[[], CompiledCall]) -> CompiledCall:
         """The half-step of a kind with these functions and arrays: one that is known, or another."""
         for other, before, known in self.found:
             if other == kind and all(map(is_same, now, before)):

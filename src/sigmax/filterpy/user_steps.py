@@ -9,8 +9,8 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filterpy.compiled import corrected, predicted
+from sigmax.filterpy.compiled_calls import CompiledCall
 from sigmax.filterpy.points import plain
-from sigmax.filterpy.whole import Whole
 from sigmax.models.noise import signature
 from sigmax.tracing import traceable
 
@@ -54,7 +54,7 @@ class Hooks(NamedTuple):
     add: Any = None
 
 
-def of_points(now: tuple[Any, ...], moving: bool, names: tuple[str, ...]) -> Whole:
+def of_points(now: tuple[Any, ...], moving: bool, names: tuple[str, ...]) -> CompiledCall:
     """The half-step of a function with points, weights and hooks."""
     function, points, Wm, Wc, mean, residual, add = now
     own = plain(points) and points.sqrt is None and points.subtract is np.subtract
@@ -70,7 +70,7 @@ def of_points(now: tuple[Any, ...], moving: bool, names: tuple[str, ...]) -> Who
     def calls(x: Any, S: Any, L: Any, first: Any, *rest: Any) -> Any:
         yield function, (np.ravel(x), *((first,) if moving else ()), *ordered(function, 1 + moving, names)(rest))
 
-    return Whole(made, watching, Moved if moving else Seen, len(Wm), calls)
+    return CompiledCall(made, watching, Moved if moving else Seen, len(Wm), calls)
 
 
 def prediction(fx: Any, unit: np.ndarray, Wm: np.ndarray, Wc: np.ndarray, hooks: Hooks, names: Sequence[str]) -> Any:
@@ -204,4 +204,4 @@ def _line(away: Any, unit: np.ndarray, w: np.ndarray) -> Any:
 
 
 # What holds no function of the user's is the same for all filters.
-MOVING, SEEING = Whole(linear_prediction, (), Moved), Whole(linear_correction, (), Seen)
+MOVING, SEEING = CompiledCall(linear_prediction, (), Moved), CompiledCall(linear_correction, (), Seen)

@@ -8,7 +8,7 @@ from sigmax.reports.comparison.figures import label, shade, shown_unit
 from sigmax.reports.document import choices, place, section
 from sigmax.reports.figures.draw import INK, MUTED, Figure, line, pale, plain, safe
 from sigmax.studies import Comparison
-from sigmax.studies.single import SingleRun
+from sigmax.studies.single_run import SingleRun
 from sigmax.views.draw import draw
 from sigmax.views.panels import Line, Panel
 
