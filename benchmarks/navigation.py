@@ -1,6 +1,7 @@
 """Inertial navigation on a recorded drive: positions withheld for ten seconds at 33 places, and the time of a step.
 
 python benchmarks/navigation.py --write docs/navigation.md
+python benchmarks/navigation.py --noises  # the most likely noises of the first half; some ten minutes
 """
 
 import time
@@ -16,6 +17,7 @@ import sigmax
 from report import Section, markdown, show, write
 from sigmax import navigation, records
 from sigmax.records import Record
+from sigmax.records.kitti import NOISES, Noises, car
 from sigmax.studies import Study
 from sigmax.studies.simulate import draw
 
@@ -48,9 +50,14 @@ def drive(record: Record, filter: Any, sensors: Mapping[str, np.ndarray], rows: 
 
 def main(
     page: Annotated[Path | None, typer.Option("--write", help="Put the tables between the markers of a page.")] = None,
+    noises: Annotated[bool, typer.Option("--noises", help="Look for the noises instead.")] = False,
 ) -> None:
     """Drive through the streets with and without wheels, EKF and others; some two minutes."""
     record = records.load("kitti-imu")
+    if noises:
+        found, value = most_likely(record)
+        Console().print(f"{found}, log likelihood {value:.1f}")
+        return
     z, _, rows = withheld(record)
     no_wheels = z | {"wheels": np.full_like(z["wheels"], np.nan)}
     student = {"satellites": "student"}
@@ -88,6 +95,28 @@ def main(
     if page is not None:
         text = "\n".join([f"Made by `python benchmarks/navigation.py --write {page}`.\n", *map(markdown, sections)])
         write(page, text, BEGIN, END)
+
+
+def most_likely(record: Record) -> tuple[Noises, float]:
+    """The noises that no single factor of 3 makes more likely on the first half, and their log likelihood."""
+    half = record.time.shape[1] // 2
+    z = {s: v[0, :half] for s, v in record.z.items()}
+    filter = sigmax.get("EKF", update={"satellites": "student"})
+
+    def value(noises: Noises) -> float:
+        got = sigmax.run(filter, car(noises), record.prior, z, dt=record.dt[0, :half], inputs=record.inputs[0, :half])
+        return float(got.log_likelihood) if got.ok.all() else -np.inf
+
+    best, highest, better = NOISES, value(NOISES), True
+    while better:
+        better = False
+        for name in Noises._fields:
+            for factor in (3.0, 1 / 3):
+                other = best._replace(**{name: getattr(best, name) * factor})
+                if (found := value(other)) > highest:
+                    best, highest, better = other, found, True
+                    Console().print(f"{name} {getattr(best, name):.3g}: {highest:.1f}")
+    return best, highest
 
 
 def aligned() -> list[tuple[str, ...]]:

@@ -36,7 +36,7 @@ from sigmax.models.checks import is_traced, numbers
 from sigmax.models.components import extended_pose
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.parts import Motion, made_once
-from sigmax.spaces import attitude, conjugate, cross, exponential, multiply, rotate
+from sigmax.spaces import conjugate, cross, exponential, from_roll_pitch_yaw, multiply, rotate
 from sigmax.spaces.quaternions import squared, stumpff
 
 __all__ = [
@@ -45,10 +45,10 @@ __all__ = [
     "height",
     "line_of_sight",
     "magnetometer",
+    "prior",
     "satellite_position",
     "satellite_velocity",
     "specific_force",
-    "start",
     "strapdown",
 ]
 
@@ -164,8 +164,8 @@ def _squares(value: float | Sequence[float]) -> Any:
     return np.broadcast_to(np.square(found), (3,))
 
 
-def start(
-    turned: Sequence[float],
+def prior(
+    attitude: Sequence[float],
     velocity: Sequence[float],
     position: Sequence[float],
     *,
@@ -178,7 +178,7 @@ def start(
     """A prior of `strapdown`, from deviations in the axes of the world.
 
     Args:
-        turned: roll, pitch, yaw, radians.
+        attitude: roll, pitch, yaw, radians.
         velocity: m/s.
         position: m.
         attitude_std: radians, about the axes of the world, one an axis or one for all: the third is the heading.
@@ -187,7 +187,7 @@ def start(
         gyro_bias_std: rad/s, about 0.
         accelerometer_bias_std: m/s², about 0.
     """
-    q = attitude(*vector("turned", turned).tolist())
+    q = from_roll_pitch_yaw(*vector("attitude", attitude).tolist())
     back = np.stack([np.asarray(rotate(conjugate(q), e)) for e in np.eye(3)], axis=1)
     cov = np.zeros((15, 15))
     for k, std in enumerate((attitude_std, velocity_std, position_std, gyro_bias_std, accelerometer_bias_std)):

@@ -1,33 +1,60 @@
 """A drive of the KITTI data: inertial sensors and satellite positions, from the data files inside the package gtsam."""
 
-import importlib.util
-from pathlib import Path
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from sigmax.errors import InputError
 from sigmax.models import Model, navigation
+from sigmax.records.gtsam_data import gtsam_data
 from sigmax.records.record import Record, parse_trial
 from sigmax.records.units import ACCELERATION, ANGLE, LENGTH, SPEED, TURN_RATE
 
-# Densities and standard deviations: the most likely ones of a coarse grid, factors of 3, on the first half.
-GYRO, ACCELEROMETER, GYRO_BIAS, ACCELEROMETER_BIAS = 9e-3, 0.09, 3e-5, 1e-3
-PLACE, HEIGHT = 0.011, 0.0025
-SIDEWAYS, UPWARD, EVERY = 0.004, 0.033, 50
+SIDEWAYS_EVERY = 50
 
 
-def _table(name: str, **options: str) -> np.ndarray:
-    # Found, not imported: importing gtsam takes seconds and only its files are wanted.
-    package = importlib.util.find_spec("gtsam")
-    if package is None or not package.submodule_search_locations:
-        raise InputError("kitti-imu needs the data inside the package gtsam: pip install 'sigmax[plaza]'")
-    path = Path(package.submodule_search_locations[0]) / "Data" / name
-    try:
-        return np.loadtxt(path, skiprows=1, **options)  # type: ignore[call-overload]
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"the gtsam that is installed has no readable {path.name} ({error}): pip install 'sigmax[plaza]'"
-        ) from error
+class Noises(NamedTuple):
+    """Densities and standard deviations, in units of radians, metres and seconds.
+
+    The defaults are the most likely ones on the first half of the drive, by factors of 3:
+    `python benchmarks/navigation.py --noises` finds them.
+
+    Attributes:
+        gyro: of the white noise of the gyroscopes, rad/s/√Hz.
+        accelerometer: of the white noise of the accelerometers, m/s²/√Hz.
+        gyro_bias: of the walk of their biases.
+        accelerometer_bias: likewise.
+        place: of a position, m.
+        height: of its height, m.
+        sideways: of the velocity across, which is said to be 0, m/s.
+        upward: of that upwards, m/s.
+    """
+
+    gyro: float = 9e-3
+    accelerometer: float = 0.09
+    gyro_bias: float = 3e-5
+    accelerometer_bias: float = 1e-3
+    place: float = 0.011
+    height: float = 0.0025
+    sideways: float = 0.004
+    upward: float = 0.033
+
+
+NOISES = Noises()
+
+
+def car(noises: Noises = NOISES) -> Model:
+    """A car with inertial sensors and satellite positions, which slides neither sideways nor upwards."""
+    motion = navigation.strapdown("car")
+    return Model(
+        motion=motion,
+        Q=motion.noise(noises.gyro, noises.accelerometer, noises.gyro_bias, noises.accelerometer_bias),
+        sensor={"satellites": navigation.satellite_position(), "wheels": navigation.body_velocity((1, 2))},
+        R={
+            "satellites": np.square([noises.place, noises.place, noises.height]),
+            "wheels": np.square([noises.sideways, noises.upward]),
+        },
+    )
 
 
 def kitti_imu() -> Record:
@@ -39,7 +66,8 @@ def kitti_imu() -> Record:
     Raises:
         InputError: where the data files are not installed.
     """
-    imu, fixes = _table("KittiEquivBiasedImu.txt")[1:], _table("KittiGps_converted.txt", delimiter=",")
+    imu = gtsam_data("kitti-imu", "KittiEquivBiasedImu.txt", partial(np.loadtxt, skiprows=2))
+    fixes = gtsam_data("kitti-imu", "KittiGps_converted.txt", partial(np.loadtxt, skiprows=1, delimiter=","))
     edges, inputs = imu[:, 0], np.concatenate([imu[:, 5:8], imu[:, 2:5]], axis=1)
     before, after = fixes[0], fixes[1]
     fixes = fixes[(fixes[:, 0] > edges[0]) & (fixes[:, 0] <= edges[-1])]
@@ -49,16 +77,10 @@ def kitti_imu() -> Record:
     interval = np.minimum(np.searchsorted(edges[1:], time), len(edges) - 2)
     seen = np.concatenate([np.full((len(edges) - 1, 3), np.nan), fixes[:, 1:]])[order]
     straight = np.full((T, 2), np.nan)
-    straight[::EVERY] = 0.0
-    motion = navigation.strapdown("car")
-    model = Model(
-        motion=motion,
-        Q=motion.noise(GYRO, ACCELEROMETER, GYRO_BIAS, ACCELEROMETER_BIAS),
-        sensor={"satellites": navigation.satellite_position(), "wheels": navigation.body_velocity((1, 2))},
-        R={"satellites": np.square([PLACE, PLACE, HEIGHT]), "wheels": np.square([SIDEWAYS, UPWARD])},
-    )
+    straight[::SIDEWAYS_EVERY] = 0.0
+    model = car()
     velocity = (after[1:] - before[1:]) / (after[0] - before[0])
-    prior = navigation.start(
+    prior = navigation.prior(
         (0.0, 0.0, np.arctan2(velocity[1], velocity[0])),
         (*velocity[:2], 0.0),
         before[1:] + velocity * (edges[0] - before[0]),
@@ -87,8 +109,8 @@ def kitti_imu() -> Record:
         licence="KITTI: CC BY-NC-SA 3.0; the package is under the simplified BSD licence",
         notes=(
             "The car is said not to slide: its velocity across and upwards is 0, with a deviation of "
-            f"{SIDEWAYS} m/s, each half second.",
-            "Densities and deviations are the most likely ones of a coarse grid on the first half of the drive.",
+            f"{NOISES.sideways} m/s, each half second.",
+            "Densities and deviations are the most likely ones, by factors of 3, on the first half of the drive.",
             "There is no truth beside the positions themselves, which jump now and then: see the weights.",
         ),
     )

@@ -1,13 +1,10 @@
 """The CMU Plaza range-only runs, from the data files inside the PyPI package gtsam."""
 
-import importlib.util
-from pathlib import Path
-
 import jax
 import numpy as np
 
-from sigmax.errors import InputError
 from sigmax.models import Gaussian, Model, motions, sensors
+from sigmax.records.gtsam_data import gtsam_data
 from sigmax.records.record import Record, parse_trial
 from sigmax.records.units import ANGLE, LENGTH, NUMBER
 
@@ -17,23 +14,6 @@ from sigmax.records.units import ANGLE, LENGTH, NUMBER
 RANGE, POSITION, HEADING, SCALE = 0.55, 0.05, 0.02, 0.0
 # The start is surveyed; the scale is what a data sheet would let one believe.
 START_POSITION, START_HEADING, START_SCALE = 1.0, 0.1, 0.1
-
-
-def _data(run: int) -> dict[str, np.ndarray]:
-    from scipy.io import loadmat
-
-    # Found, not imported: importing gtsam takes seconds and only its files are wanted.
-    package = importlib.util.find_spec("gtsam")
-    if package is None or not package.submodule_search_locations:
-        raise InputError(f"plaza{run} needs the data inside the package gtsam: pip install 'sigmax[plaza]'")
-    path = Path(package.submodule_search_locations[0]) / "Data" / f"Plaza{run}_.mat"
-    try:
-        found: dict[str, np.ndarray] = loadmat(path)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"the gtsam that is installed has no readable {path.name} ({error}): pip install 'sigmax[plaza]'"
-        ) from error
-    return found
 
 
 def _model() -> Model:
@@ -67,7 +47,9 @@ def plaza(run: int) -> Record:
     Raises:
         InputError: where the data files are not installed.
     """
-    data = _data(run)
+    from scipy.io import loadmat
+
+    data = gtsam_data(f"plaza{run}", f"Plaza{run}_.mat", loadmat)
     known, odometry, heard = data["GT"], data["DR"], data["TD"]
     beacons = {int(number): (float(x), float(y)) for number, x, y in data["TL"]}
     edges = np.concatenate([known[:1, 0], odometry[:, 0]])

@@ -11,7 +11,7 @@ from sigmax.errors import InputError, unknown
 from sigmax.filters import BySensor, Filter, Update, get
 from sigmax.models import Gaussian, Model
 from sigmax.records.units import Dimension
-from sigmax.spaces import values
+from sigmax.spaces import readable
 
 
 class Trial(NamedTuple):
@@ -137,7 +137,7 @@ class Record:
     def label(self, trial: Trial) -> str:
         """The trial for tables: what is fixed, and at what value."""
         bias = self.model.bias
-        state = values(self.model.space, np.atleast_2d(self.prior.mean)[0])
+        state = readable(self.model.space, np.atleast_2d(self.prior.mean)[0])
         mean = [*state, *([] if bias is None else np.atleast_2d(bias.prior.mean)[0])]
         fixed = [f"{name} fixed at {mean[list(self.components).index(name)]:g}" for name in trial.fixed]
         return ", ".join([trial.filter.name, *fixed])

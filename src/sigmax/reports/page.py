@@ -42,7 +42,7 @@ from sigmax.reports.grade import Grade, grade
 from sigmax.reports.score import Score
 from sigmax.reports.verdict import RULES, best, nis_in_words, significant, verdict
 from sigmax.reports.weighed import Weighed
-from sigmax.spaces import roots, values
+from sigmax.spaces import in_world_axes, readable
 
 # Tracks whose components are drawn; the folder's estimates hold all of them.
 _TRACKS = 24
@@ -227,15 +227,15 @@ def _share(count: int, of: Weighed) -> str:
 def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> str:
     model = record.model
     mean, cov = np.atleast_2d(record.prior.mean)[0], np.asarray(record.prior.cov).reshape(-1, model.dim, model.dim)[0]
-    half = roots(model.space, mean, cov)
-    cov = roots(model.space, mean, half.T)
+    half = in_world_axes(model.space, mean, cov)
+    cov = in_world_axes(model.space, mean, half.T)
 
     def started(names: Sequence[str], mean: np.ndarray, cov: np.ndarray) -> str:
         found = zip(names, mean, np.sqrt(np.diag(cov)), strict=True)
         return ", ".join(_estimate(record, str(n), m, s) for n, m, s in found)
 
     each = " of the first track" if len(record.tracks) > 1 else ""
-    rows = [(f"prior{each}", started(model.deviations, values(model.space, mean), cov))]
+    rows = [(f"prior{each}", started(model.deviations, readable(model.space, mean), cov))]
     modes = model.modes if isinstance(model, SwitchingModel) else {"": model}
     for name, mode in modes.items():
         rows.append((f"noise of the motion{f' in {name}' if name else ''}, per second", _noise(mode.Q)))

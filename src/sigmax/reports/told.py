@@ -8,7 +8,7 @@ import numpy as np
 from sigmax.records import Record
 from sigmax.records.units import Dimension
 from sigmax.running import Result
-from sigmax.spaces import Space, roots, values
+from sigmax.spaces import Space, in_world_axes, readable
 
 
 class Told(NamedTuple):
@@ -36,8 +36,8 @@ class Told(NamedTuple):
 def told(record: Record, result: Result) -> Iterator[Told]:
     """The components of the state, and behind them those of the bias."""
     space, unknown = record.model.space, np.full(record.time.shape, np.nan)
-    n, mean, truth = space.dim, values(space, result.mean), values(space, record.truth)
-    S = roots(space, np.asarray(result.mean), _factor(result))
+    n, mean, truth = space.dim, readable(space, result.mean), readable(space, record.truth)
+    S = in_world_axes(space, np.asarray(result.mean), _factor(result))
     deviation, error = np.sqrt((S * S).sum(-1)), np.array(result.errors(record.truth))
     for part, _, to in space.parts():
         if not part.flat:

@@ -7,7 +7,7 @@ from sigmax.spaces.groups import Pose2, Pose3, Rotation
 from sigmax.spaces.moments import moments
 from sigmax.spaces.product import Product, product
 from sigmax.spaces.quaternions import conjugate, cross, exponential, logarithm, multiply, rotate
-from sigmax.spaces.readable import attitude, roll_pitch_yaw, roots, values
+from sigmax.spaces.readable import from_roll_pitch_yaw, in_world_axes, readable, roll_pitch_yaw
 from sigmax.spaces.reset import reset
 from sigmax.spaces.space import Flat, Space
 
@@ -32,19 +32,19 @@ __all__ = [
     "Product",
     "Rotation",
     "Space",
-    "attitude",
     "conjugate",
     "cross",
     "errors",
     "exponential",
+    "from_roll_pitch_yaw",
+    "in_world_axes",
     "logarithm",
     "moments",
     "multiply",
     "product",
+    "readable",
     "reset",
     "roll_pitch_yaw",
-    "roots",
     "rotate",
-    "values",
     "wrap",
 ]

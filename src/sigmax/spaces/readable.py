@@ -22,7 +22,7 @@ def roll_pitch_yaw(quaternion: Any) -> np.ndarray:
     )
 
 
-def attitude(roll: float, pitch: float, yaw: float) -> np.ndarray:
+def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> np.ndarray:
     """The quaternion (4,), from body to world, of a body turned by yaw, then pitch and roll about its own axes."""
     (cr, cp, cy), (sr, sp, sy) = (f(np.array([roll, pitch, yaw]) / 2) for f in (np.cos, np.sin))
     return np.array(
@@ -35,7 +35,7 @@ def attitude(roll: float, pitch: float, yaw: float) -> np.ndarray:
     )
 
 
-def values(space: Space, points: np.ndarray) -> np.ndarray:
+def readable(space: Space, points: np.ndarray) -> np.ndarray:
     """For each deviation (…, dim) what people read of points (…, size); NaN where a part has no such number."""
     made = np.full((*points.shape[:-1], space.dim), np.nan)
     for part, at, to in space.parts():
@@ -49,7 +49,7 @@ def values(space: Space, points: np.ndarray) -> np.ndarray:
     return made
 
 
-def roots(space: Space, points: np.ndarray, factor: np.ndarray) -> np.ndarray:
+def in_world_axes(space: Space, points: np.ndarray, factor: np.ndarray) -> np.ndarray:
     """Roots (…, dim, k) of covariances at points, the vectors of poses in the axes of the world."""
     made = np.array(factor)
     for part, at, to in space.parts():

@@ -23,7 +23,7 @@ from sigmax.reports.figures.draw import (
 )
 from sigmax.reports.told import row_of
 from sigmax.running import Result
-from sigmax.spaces import roots
+from sigmax.spaces import in_world_axes
 from sigmax.views.thin import stride
 
 _ELLIPSES = 36
@@ -154,7 +154,7 @@ def _ellipses(
     rows = [row_of(record, place) for place in places]
     for k in shown:
         for step in stride(int(record.steps[k]), each):
-            S = roots(space, mean[k, step], factor[k, step])[rows]
+            S = in_world_axes(space, mean[k, step], factor[k, step])[rows]
             values, vectors = np.linalg.eigh(S @ S.T)
             ellipse = (vectors * np.sqrt(np.maximum(values, 0))) @ circle
             centre = (result.mean[k, step][list(places)] - origin)[:, None]
