@@ -14,6 +14,7 @@ from sigmax.cli.app import app
 from sigmax.errors import InputError
 from sigmax.records import load_plots
 from sigmax.tracking import Tracker, quality
+from sigmax.tracking.branches import MultiHypothesis
 from tests.browser import opened
 from tests.tracking.worlds import world
 
@@ -127,6 +128,17 @@ def test_a_sensor_that_turns_stamps_each_plot(folder):
     text = TOML.format(data="plots.csv", more="").replace("clutter = 5e-8", "clutter = 5e-8\nscan = 2.0")
     (folder / "turning.toml").write_text(text)
     assert len(load_plots(str(folder / "turning.toml")).scans) == 25
+
+
+def test_a_description_asks_for_hypotheses(folder):
+    text = (folder / "plots.toml").read_text()
+    (folder / "plots.toml").write_text(text.replace("confirm = [3, 5]", 'confirm = [3, 5]\nassociate = "mht"', 1))
+    record = load_plots(str(folder / "plots.toml"))
+    cycle = record.cycle(sigmax.get(record.filter))
+    assert isinstance(cycle.associate, MultiHypothesis)
+    tracker = Tracker(cycle, window=record.window)
+    assert tracker.run(record.scans)[-1].confirmed.any()
+    assert tracker.state.branches is not None
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,10 @@ class Cycle:
     def advance(self, state: State, scan: Scan) -> tuple[State, Told]:
         """The state after a scan that is not older than it, and what the scan did."""
         scan = self.checked(scan)
+        # By their numbers, so that nothing hangs on the order in which plots are handed in: which of several on one
+        # spot begins a track, say.
+        order = np.lexsort(scan.z.T[::-1]) if len(scan.z) else np.empty(0, int)
+        scan = scan._replace(z=scan.z[order])
         detector = self.detectors[scan.sensor]
         tracks = state.tracks
         dt = 0.0 if tracks.time is None else scan.time - tracks.time
@@ -195,7 +199,7 @@ class Cycle:
             mean,
             cov,
             weight,
-            plot,
+            np.append(order, -1)[plot],
             nis,
             gates,
             ended,
