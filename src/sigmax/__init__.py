@@ -20,6 +20,7 @@ if "jax" in sys.modules:
 
 _HOME = {
     "sigmax.errors": ("InputError",),
+    "sigmax.examination": ("doctor",),
     "sigmax.export": ("export_c",),
     "sigmax.filters": ("Filter", "bank", "catalogue", "get", "iterated", "names", "once", "robust"),
     "sigmax.models": (
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
 
     from sigmax import filters, forms, models, records, reports, rules, running, spaces, studies, tracking
     from sigmax.errors import InputError
+    from sigmax.examination import doctor
     from sigmax.export import export_c
     from sigmax.filters import Filter, bank, catalogue, get, iterated, names, once, robust
     from sigmax.models import (
@@ -97,6 +99,7 @@ __all__ = [
     "catalogue",
     "compare",
     "direction",
+    "doctor",
     "explain",
     "export_c",
     "extended_pose",

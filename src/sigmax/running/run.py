@@ -74,7 +74,7 @@ def run(
         if part not in PARTS:
             raise unknown("part of a result", part, PARTS)
     times = times_of(t, t0)
-    ready = prepare(chosen, model, prior, z, _steps(dt, t, times), inputs, dtype, update_first, keep, R)
+    ready = prepare(chosen, model, prior, z, steps_given(dt, t, times), inputs, dtype, update_first, keep, R)
     kept = frozenset(keep) | ({"dof"} if ready.fused is not None else set())
     traced = ready.captured or is_traced(ready)
     total, parts = attempt(
@@ -105,7 +105,12 @@ def run(
     )
 
 
-def _steps(dt: Any, t: Any, times: Times | None) -> Any:
+def steps_given(dt: Any, t: Any, times: Times | None) -> Any:
+    """The intervals of a record from what was given of them: seconds, or times; 1 where nothing was.
+
+    Raises:
+        InputError: where both were.
+    """
     if t is None:
         return 1.0 if dt is None else dt
     if dt is not None:

@@ -1,0 +1,154 @@
+"""Hypotheses that change the record or the prior as a whole: units, signs, conventions, an overconfident prior."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from sigmax.examination.envelope import Envelope, component_names, input_names
+from sigmax.examination.trials import Record
+
+# What lengths and speeds are mistaken by: the factor that mends the values, and what they were.
+FACTORS = {
+    1e3: "in thousands of the model's unit (km for m)",
+    1e-3: "in thousandths of the model's unit (m for km, mm for m)",
+    0.3048: "in feet where the model has metres",
+    1 / 0.3048: "in metres where the model has feet",
+    1852.0: "in nautical miles where the model has metres",
+    1 / 1852.0: "in metres where the model has nautical miles",
+    0.5144444444444445: "in knots where the model has m/s",
+    1 / 3.6: "in km/h where the model has m/s",
+    3.6: "in m/s where the model has km/h",
+}
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One of them.
+
+    Attributes:
+        kind: "degrees", "units", "sign", "turned", "convention", "swap", "time units" or "prior".
+        where: what is changed.
+        cause: in words.
+        mend: what to do.
+        change: of the record.
+        jacobian: added to the log-likelihood of changed values, which is that of the values as they came.
+    """
+
+    kind: str
+    where: str
+    cause: str
+    mend: str
+    change: Callable[[Record], Record]
+    jacobian: float = 0.0
+
+
+def alternatives(family: Envelope, record: Record, timed: bool) -> list[Alternative]:
+    """All of a record; those of time where the motion depends on it."""
+    found = [*_of_measurements(family, record), *_of_inputs(family)]
+    if timed:
+        for c, said in ((1e-3, "ms where the model has s"), (1 / 60, "s where the model has minutes"), (60.0, "min")):
+            found.append(_time(c, f"times are in {said}"))
+        found.append(_time(1e3, "times are in thousands of the model's unit"))
+    for c in (100.0, 1e4):
+        found.append(
+            Alternative(
+                "prior",
+                f"covariance × {c:g}",
+                f"the prior is surer than it has a right to be (its covariance times {c:g} fits)",
+                f"multiply the prior's covariance by {c:g}, or start from the measurements: sigmax.start",
+                lambda r, c=c: replace(r, cov=r.cov * c),  # type: ignore[misc]
+            )
+        )
+    return found
+
+
+def _time(c: float, cause: str) -> Alternative:
+    return Alternative(
+        "time units", f"dt × {c:.4g}", cause, f"multiply dt by {c:.4g}", lambda r: replace(r, dt=r.dt * c)
+    )
+
+
+def _of_measurements(family: Envelope, record: Record) -> Iterator[Alternative]:
+    for s, m in family.sizes:
+        names, angular = component_names(family.model, s, m), family.model.measured_angular(s, m)
+        for j, name in enumerate(names):
+            count = int(np.isfinite(record.z[s][:, j]).sum())
+            if angular[j]:
+                yield from _of_angle(s, j, name, count)
+            else:
+                for c, said in FACTORS.items():
+                    yield Alternative(
+                        "units",
+                        name,
+                        f"{name} is {said}",
+                        f"multiply {name} by {c:.4g}",
+                        _affine(s, j, c, 0.0),
+                        count * np.log(c),
+                    )
+            yield Alternative("sign", name, f"{name} has the wrong sign", f"take −{name}", _affine(s, j, -1.0, 0.0))
+        for i, j in combinations(range(m), 2):
+            yield Alternative(
+                "swap",
+                f"{names[i]}, {names[j]}",
+                f"{names[i]} and {names[j]} stand in each other's place",
+                "exchange them",
+                _swapped(s, i, j),
+            )
+
+
+def _of_angle(s: str, j: int, name: str, count: int) -> Iterator[Alternative]:
+    deg = np.pi / 180
+    yield Alternative(
+        "degrees",
+        name,
+        f"{name} is in degrees; the model has radians",
+        f"multiply {name} by π/180",
+        _affine(s, j, deg, 0.0),
+        count * np.log(deg),
+    )
+    for turn, said in ((np.pi, "180°"), (np.pi / 2, "−90°"), (-np.pi / 2, "90°")):
+        yield Alternative(
+            "turned",
+            name,
+            f"{name} is turned by {said}",
+            f"add {turn / np.pi:g} π to {name}",
+            _affine(s, j, 1.0, turn),
+        )
+    yield Alternative(
+        "convention",
+        name,
+        f"{name} counts from the other axis and the other way round (north, clockwise against east, counter-clockwise)",
+        f"take π/2 − {name}",
+        _affine(s, j, -1.0, np.pi / 2),
+    )
+
+
+def _of_inputs(family: Envelope) -> Iterator[Alternative]:
+    for i, name in enumerate(input_names(family.model, family.driven)):
+        changes = (
+            ("degrees", np.pi / 180, f"{name} is in degrees; the model has radians", f"multiply {name} by π/180"),
+            ("sign", -1.0, f"{name} has the wrong sign", f"take −{name}"),
+            ("units", 1e3, f"{name} is {FACTORS[1e3]}", f"multiply {name} by 1000"),
+            ("units", 1e-3, f"{name} is {FACTORS[1e-3]}", f"multiply {name} by 0.001"),
+        )
+        for kind, c, cause, mend in changes:
+            yield Alternative(kind, name, cause, mend, _input(i, c))
+
+
+def _affine(s: str, j: int, c: float, offset: float) -> Callable[[Record], Record]:
+    return lambda r: r.with_values(s, j, c * r.z[s][:, j] + offset)
+
+
+def _swapped(s: str, i: int, j: int) -> Callable[[Record], Record]:
+    return lambda r: r.with_values(s, i, r.z[s][:, j]).with_values(s, j, r.z[s][:, i])
+
+
+def _input(i: int, c: float) -> Callable[[Record], Record]:
+    def change(r: Record) -> Record:
+        u = r.u.copy()
+        u[:, i] *= c
+        return replace(r, u=u)
+
+    return change

@@ -1,0 +1,124 @@
+"""`sigmax.doctor`: a model, a prior and a record go in, causes come out."""
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sigmax.errors import InputError
+from sigmax.examination.envelope import component_names, envelope, parameters_of
+from sigmax.examination.hypotheses import groups_of, hypotheses, moved, natural_steps, noise_at
+from sigmax.examination.report import Examination
+from sigmax.examination.rounds import Course
+from sigmax.examination.search import Setup
+from sigmax.examination.trials import Record, Runner, Trial
+from sigmax.filters import Bank, Filter, once
+from sigmax.models.gaussian import Gaussian
+from sigmax.models.model import Model
+from sigmax.running.prepare import Prepared, as_filter, prepare
+from sigmax.running.run import steps_given
+from sigmax.running.times import times_of
+
+# Fewer values than these, beyond the start, say nothing.
+_FEWEST = 30
+
+
+def doctor(
+    model: Model,
+    prior: Gaussian,
+    z: Any,
+    *,
+    filter: Filter | str = "EKF",
+    dt: Any = None,
+    t: Any = None,
+    t0: Any = None,
+    inputs: Any = None,
+    R: Any = None,
+    update_first: bool = False,
+) -> Examination:
+    """Say what is wrong with a model, from a record: causes with evidence, size, standard error and remedy.
+
+    Args:
+        model: the model, with or without a bias, of one or several sensors.
+        prior: as in `run`.
+        z: one record (T, m), as in `run`.
+        filter: whose likelihood judges; its update is `once`, whatever it was.
+        dt: as in `run`.
+        t: as in `run`.
+        t0: as in `run`.
+        inputs: as in `run`.
+        R: as in `run`.
+        update_first: as in `run`.
+
+    Returns:
+        The examination: print it. A sound model has no findings in 99 of 100 records.
+
+    Raises:
+        InputError: for whatever `run` refuses, a batch of records, modes, and curved parts of state or measurement.
+    """
+    begun = time.perf_counter()
+    if not isinstance(model, Model):
+        raise InputError(f"the doctor examines a sigmax.Model; this is {type(model).__name__}")
+    if model.curved:
+        raise InputError("the doctor examines numbers and angles; attitudes, directions and poses it does not know yet")
+    chosen = as_filter(filter)
+    if isinstance(chosen, Bank):
+        raise InputError("the doctor judges by one filter, and a bank has several: give one of its members")
+    chosen = replace(chosen, update=once)
+    times = times_of(t, t0)
+    ready = prepare(chosen, model, prior, z, steps_given(dt, t, times), inputs, "float64", update_first, R=R)
+    if ready.batch is not None:
+        raise InputError(f"the doctor examines one record; this is a batch of {ready.batch}: give one of them")
+    record, setup = _laid_out(ready, update_first)
+    values = sum(int(np.isfinite(v).sum()) for v in record.z.values())
+    first = setup.runner([Trial(np.zeros(len(setup.steps)), record)])
+    course = Course(setup, record, first)
+    if values < _FEWEST + record.mean.size:
+        refused = f"{values} values are too few; from {_FEWEST + record.mean.size} on there is something to say"
+        findings, undetermined = (), ()
+    else:
+        findings, undetermined, refused = course.examine()
+    return Examination(
+        findings, refused, undetermined, course.tested, course.nis0, len(record.dt), chosen.name,
+        time.perf_counter() - begun,
+    )  # fmt: skip
+
+
+def _laid_out(ready: Prepared, update_first: bool) -> tuple[Record, Setup]:
+    """The record as arrays, and the filter on the envelope of the model."""
+    model, sizes = ready.model, {s: v.shape[-1] for s, v in ready.z.items()}
+    T, M = len(ready.dt), sum(sizes.values())
+    u = np.zeros((T, 0)) if ready.u is None else np.asarray(ready.u)
+    driven = 0 if ready.inputs is None else ready.inputs.shape[-1]
+    record = Record(
+        z={s: np.asarray(v) for s, v in ready.z.items()},
+        dt=np.asarray(ready.dt),
+        u=u,
+        mean=np.asarray(ready.mean),
+        cov=np.asarray(ready.cov),
+        extra=np.zeros(M),
+        out=np.zeros((T, M), bool),
+        huge=np.zeros(M),
+        q_factor=np.ones(T),
+    )
+    positive = record.dt[record.dt > 0]
+    dt = float(np.median(positive)) if positive.size else 1.0
+    Q, R = noise_at(model, record, dt)
+    at_rest = np.allclose(moved(model, record, 0.0), record.mean, rtol=1e-9, atol=1e-12)
+    back = bool(at_rest and np.isfinite(moved(model, record, -dt)).all())
+    parameters = parameters_of(model, sizes, driven, groups_of(Q), back)
+    family = envelope(model, parameters, u.shape[1], driven, tuple(sizes.items()))
+    spread = {s: np.where(v > 0, v, np.nanvar(ready.z[s], axis=0) + 1e-12) for s, v in R.items()}
+    record = replace(record, huge=1e8 * np.concatenate([spread[s] for s in sizes]))
+    setup = Setup(
+        runner=Runner(ready.filter, family, update_first),
+        hypotheses=hypotheses(family),
+        steps=natural_steps(family, record, Q, R, dt),
+        R=R,
+        names={s: component_names(model, s, m) for s, m in sizes.items()},
+        burn=max(5, 2 * model.size),
+        angular={s: tuple(model.measured_angular(s, m)) for s, m in sizes.items()},
+        timed=not np.array_equal(moved(model, record, dt), moved(model, record, 2 * dt)),
+    )
+    return record, setup

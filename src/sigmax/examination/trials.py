@@ -1,0 +1,170 @@
+"""Runs of the envelope: many parameters and changed records in one batch, and what their innovations say."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sigmax.examination.envelope import Envelope
+from sigmax.filters import Filter
+from sigmax.models.gaussian import Gaussian
+from sigmax.running.run import run
+
+# Numbers of inputs that one batch may hold, 8 bytes each.
+_MOST = 2e7
+
+
+@dataclass(frozen=True)
+class Record:
+    """A record and its prior, which a hypothesis may change.
+
+    Attributes:
+        z: by sensor (T, m), NaN where missing.
+        dt: (T,).
+        u: (T, K), inputs of the model and R by row; K may be 0.
+        mean: of the prior (n,).
+        cov: of the prior (n, n).
+        extra: variances added to R, (M,) over the components of all sensors.
+        out: values that are left out (T, M): their R grows by `huge` (M,), so that their innovations stay known.
+        huge: see there.
+        q_factor: of Q in each step (T,).
+    """
+
+    z: dict[str, np.ndarray]
+    dt: np.ndarray
+    u: np.ndarray
+    mean: np.ndarray
+    cov: np.ndarray
+    extra: np.ndarray
+    out: np.ndarray
+    huge: np.ndarray
+    q_factor: np.ndarray
+
+    def with_values(self, sensor: str, j: int, values: np.ndarray) -> "Record":
+        """Another series of one component."""
+        own = self.z[sensor].copy()
+        own[:, j] = values
+        return replace(self, z=self.z | {sensor: own})
+
+
+class Trial(NamedTuple):
+    """Parameters (p,) on a record."""
+
+    theta: np.ndarray
+    record: Record
+
+
+class Outcome(NamedTuple):
+    """Innovations of B trials: by sensor ν (B, T, m) and S (B, T, m, m); where nothing was seen ν = 0 and S = 1.
+
+    Attributes:
+        nu: innovations.
+        S: their covariances.
+        seen: which values were there, by sensor (T, m) of the first trial.
+        sound: whether no step failed, (B,).
+        first_fault: the fault of the first step that failed, in words, of the first trial; empty where none did.
+    """
+
+    nu: dict[str, np.ndarray]
+    S: dict[str, np.ndarray]
+    seen: dict[str, np.ndarray]
+    sound: np.ndarray
+    first_fault: str
+
+    def nis(self) -> dict[str, np.ndarray]:
+        """ν' S⁻¹ ν by sensor, (B, T)."""
+        return {
+            s: np.einsum("bti,bti->bt", v, np.linalg.solve(self.S[s], v[..., None])[..., 0]) for s, v in self.nu.items()
+        }
+
+
+class Runner:
+    """A filter on an envelope."""
+
+    def __init__(self, filter: Filter, family: Envelope, update_first: bool) -> None:
+        self.filter, self.family, self.update_first = filter, family, update_first
+        kinds = [p.kind for p in family.parameters]
+        self.of_prior = [i for i, kind in enumerate(kinds) if kind == "prior"]
+
+    def __call__(self, trials: Sequence[Trial]) -> Outcome:
+        """All trials, in batches that fit the memory."""
+        T = len(trials[0].record.dt)
+        width = self.family.given + self.family.driven + len(self.family.parameters) + self.family.measured + 1
+        size = max(1, int(_MOST // (T * width)))
+        parts = [self._batch(trials[i : i + size]) for i in range(0, len(trials), size)]
+        if len(parts) == 1:
+            return parts[0]
+        first = parts[0]
+        return Outcome(
+            {s: np.concatenate([p.nu[s] for p in parts]) for s in first.nu},
+            {s: np.concatenate([p.S[s] for p in parts]) for s in first.S},
+            first.seen,
+            np.concatenate([p.sound for p in parts]),
+            first.first_fault,
+        )
+
+    def _batch(self, trials: Sequence[Trial]) -> Outcome:
+        inputs = np.stack([self._inputs(trial) for trial in trials])
+        records = [trial.record for trial in trials]
+        mean = np.stack(
+            [r.mean + t.theta[self.of_prior] * np.sqrt(np.diag(r.cov)) for t, r in zip(trials, records, strict=True)]
+        )
+        prior = Gaussian(mean, np.stack([r.cov for r in records]))
+        z = {s: np.stack([r.z[s] for r in records]) for s in records[0].z}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of hypotheses that nobody believes
+            done = run(
+                self.filter,
+                self.family.model,
+                prior,
+                z if self.family.model.several else next(iter(z.values())),
+                dt=np.stack([r.dt for r in records]),
+                inputs=inputs,
+                update_first=self.update_first,
+                keep=("fault", "innovation"),
+            )
+        sensors = list(z)
+        nu, S = done.innovation, done.innovation_cov
+        if not self.family.model.several:
+            nu, S = {sensors[0]: nu}, {sensors[0]: S}
+        seen = {s: ~np.isnan(v) for s, v in z.items()}
+        fault = np.asarray(done.fault) > 0
+        clean_nu, clean_S = {}, {}
+        for s in sensors:
+            v = np.asarray(nu[s])
+            heard = np.isfinite(v) & seen[s]
+            one = np.eye(v.shape[-1])
+            both = heard[..., :, None] & heard[..., None, :]
+            clean_nu[s] = np.where(heard, v, 0.0)
+            clean_S[s] = np.where(both & np.isfinite(np.asarray(S[s])), np.asarray(S[s]), one)
+        words = done.faults(1)
+        return Outcome(
+            clean_nu, clean_S, {s: v[0] for s, v in seen.items()}, ~fault.any(-1), words[0] if fault[0].any() else ""
+        )
+
+    def _inputs(self, trial: Trial) -> np.ndarray:
+        """The inputs of the envelope, (T, K)."""
+        r, k = trial.record, self.family.driven
+        T = len(r.dt)
+        slope = np.zeros((T, k))
+        if k:
+            slope[1:] = np.diff(r.u[:, :k], axis=0) / np.maximum(r.dt[1:, None], 1e-12)
+        theta = np.broadcast_to(trial.theta, (T, len(trial.theta)))
+        return np.concatenate([r.u, slope, theta, r.extra + r.out * r.huge, r.q_factor[:, None]], 1)
+
+
+def cut(d: Any) -> Any:
+    """Where a NIS of d components begins to count by its root."""
+    return d + 5.0 * np.sqrt(2.0 * np.maximum(d, 1))
+
+
+def log_likelihood(outcome: Outcome) -> np.ndarray:
+    """Of each trial (B,), Huberised: NIS beyond the cut counts by its root; −inf where a step failed."""
+    total = np.zeros(len(outcome.sound))
+    for s, nis in outcome.nis().items():
+        c = cut(outcome.seen[s].sum(-1))
+        rho = np.where(nis > c, 2 * np.sqrt(c * np.maximum(nis, 0)) - c, nis)
+        total -= 0.5 * (rho + np.linalg.slogdet(outcome.S[s])[1]).sum(-1)
+    return np.where(outcome.sound & np.isfinite(total), total, -np.inf)

@@ -1,0 +1,107 @@
+"""What a cause is called, how large it is, and what mends it."""
+
+import numpy as np
+
+from sigmax.examination.search import Candidate
+from sigmax.views.words import measured
+
+_NAMED = {
+    np.pi / 180: "π/180: degrees where radians are wanted",
+    180 / np.pi: "180/π: radians where degrees are wanted",
+    0.3048: "0.3048: feet where metres are wanted",
+    1 / 0.3048: "1/0.3048: metres where feet are wanted",
+    1852.0: "1852: nautical miles where metres are wanted",
+    1 / 1852.0: "1/1852: metres where nautical miles are wanted",
+    0.5144444444444445: "0.5144: knots where m/s are wanted",
+    3.6: "3.6: m/s where km/h are wanted",
+    1 / 3.6: "1/3.6: km/h where m/s are wanted",
+    1000.0: "1000",
+    1e-3: "1/1000",
+}
+
+
+def recognised(log: float, std: float, power: int = 1) -> str:
+    """What a factor eˡᵒᵍ is known by, within three standard errors; empty where nothing is."""
+    for factor, name in _NAMED.items():
+        if abs(log - power * np.log(factor)) < max(3 * std, 1e-3) and std < 0.3:
+            return f" ({'the square of ' if power == 2 else ''}{name})"
+    return ""
+
+
+def told(c: Candidate, variance: float | None) -> tuple[str, str, str]:
+    """Cause, size and change in words; `variance` is R of the component where it is one."""
+    v = float(c.value[np.argmax(np.abs(c.value))]) if c.value.size else 0.0
+    if c.alternative is not None:
+        return c.alternative.cause, "", c.alternative.mend
+    say = measured(v, c.std if np.isfinite(c.std) else None)
+    if c.kind == "bias":
+        return f"{c.where} is offset", f"{say} too much", f"subtract {v:.4g} from {c.where}, or estimate it: bias="
+    if c.kind == "scale":
+        known = recognised(np.log1p(v), c.std / (1 + v))
+        return (
+            f"{c.where} is {'too long' if v > 0 else 'too short'} by a factor",
+            f"{measured(1 + v, c.std)}{known}",
+            f"divide {c.where} by {1 + v:.6g}, or estimate the factor as a state",
+        )
+    if c.kind in ("R", "Q"):
+        return _noise(c, v, variance)
+    if c.kind == "tails":
+        return (
+            f"the noise of {c.where} has long tails",
+            f"like Student's with {v:.2g} degrees of freedom",
+            f'an update that bears them: sigmax.get(name, update=sigmax.robust("student", nu={max(v, 2.5):.2g}))',
+        )
+    if c.kind == "outliers":
+        return (
+            f"{c.where} has outliers",
+            f"{100 * v:.2g} ± {100 * c.std:.1g} % of the values, {c.times:.0f} times as wide as the others",
+            'refuse or weigh them: sigmax.get(name, update="gate") or "student"',
+        )
+    return _other(c, v, say)
+
+
+def _noise(c: Candidate, v: float, variance: float | None) -> tuple[str, str, str]:
+    known = recognised(v, c.std, 2)
+    if c.kind == "R" and variance and abs(v - np.log(variance)) < max(3 * c.std, 0.05) and abs(v) > 0.5:
+        known = f" (its own root: {variance:.4g} is the deviation, and R wants the variance {variance**2:.4g})"
+    by = np.exp(abs(v))
+    size = f"factor {by:.3g}, within {by * np.exp(-c.std):.3g} to {by * np.exp(c.std):.3g}{known}"
+    way = "small" if v > 0 else "large"
+    now = f": {variance:.4g} → {variance * np.exp(v):.4g}" if variance and c.kind == "R" else ""
+    return f"{c.kind} of {c.where} is too {way}", size, f"multiply it by {np.exp(v):.3g}{now}"
+
+
+def _other(c: Candidate, v: float, say: str) -> tuple[str, str, str]:
+    known = recognised(np.log1p(v), c.std / (1 + v)) if v > -1 else ""
+    ahead = "late" if v > 0 else "early"
+    table = {
+        "drift": (f"{c.where} drifts beyond the motion", f"{say} a second", "add it to the motion, or as a bias"),
+        "prior": (
+            f"the prior of {c.where} is off" if c.value.size == 1 else "the mean of the prior is off",
+            f"{say} of its deviations",
+            "move the mean, or start from the measurements: sigmax.start",
+        ),
+        "rotation": (f"{c.where} are turned against the axes", f"{say} rad", f"turn them back by {-v:.4g} rad"),
+        "delay": (
+            f"{c.where} is {ahead} against the others",
+            f"{measured(abs(v), c.std)} s",
+            f"correct its times by {-v:.4g} s",
+        ),
+        "input offset": (f"{c.where} is offset", f"{measured(-v, c.std)} too much", f"add {v:.4g} to {c.where}"),
+        "input gain": (
+            f"{c.where} is off by a factor",
+            f"times {measured(1 + v, c.std)} fits{known}",
+            f"multiply {c.where} by {1 + v:.5g}",
+        ),
+        "input delay": (
+            "the inputs of the motion come at another time than their stamps",
+            f"{measured(abs(v), c.std)} s too {'early' if v > 0 else 'late'}",
+            f"use u(t − ({v:.4g} s))",
+        ),
+        "clock": (
+            "the motion runs at another pace than dt",
+            f"dt times {measured(1 + v, c.std)} fits{known}",
+            f"multiply dt by {1 + v:.5g}, or look for a factor of the velocities",
+        ),
+    }
+    return table[c.kind]
