@@ -9,7 +9,7 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.examination.envelope import component_names, envelope, parameters_of
 from sigmax.examination.hypotheses import groups_of, hypotheses, moved, natural_steps, noise_at
-from sigmax.examination.report import Examination
+from sigmax.examination.report import Examination, Finding
 from sigmax.examination.rounds import Course
 from sigmax.examination.search import Setup
 from sigmax.examination.trials import Record, Runner, Trial
@@ -74,9 +74,10 @@ def doctor(
     values = sum(int(np.isfinite(v).sum()) for v in record.z.values())
     first = setup.runner([Trial(np.zeros(len(setup.steps)), record)])
     course = Course(setup, record, first)
+    findings: tuple[Finding, ...] = ()
+    undetermined: tuple[str, ...] = ()
     if values < _FEWEST + record.mean.size:
         refused = f"{values} values are too few; from {_FEWEST + record.mean.size} on there is something to say"
-        findings, undetermined = (), ()
     else:
         findings, undetermined, refused = course.examine()
     return Examination(

@@ -20,6 +20,7 @@ class Finding:
         nis_before: NIS per measured value before the change.
         nis_after: after it, far values left out.
         either: causes that the record cannot tell from this one, within a log-likelihood of 3.
+        either_kinds: of what kind these are.
         rivals: causes that explain it less well, and by how much.
         provisional: whether it was found after another one, whose debris it may be.
     """
@@ -35,6 +36,7 @@ class Finding:
     nis_before: float
     nis_after: float
     either: tuple[str, ...] = ()
+    either_kinds: tuple[str, ...] = ()
     rivals: tuple[tuple[str, float], ...] = ()
     provisional: bool = False
 
@@ -95,9 +97,8 @@ def _lines(i: int, f: Finding) -> list[str]:
     if f.kind in ("coarse", "stuck", "copies"):
         lines.append(f"     evidence: the values themselves, {f.gain:.0f} of them")
     else:
-        lines.append(
-            f"     evidence: log-likelihood +{f.gain:.1f} by re-running, NIS per value {f.nis_before:.3g} → {f.nis_after:.3g}"
-        )
+        nis = f"{f.nis_before:.3g} → {f.nis_after:.3g}"
+        lines.append(f"     evidence: log-likelihood +{f.gain:.1f} by re-running, NIS per value {nis}")
     lines.append(f"     change: {f.change}")
     if f.rivals:
         lines.append(f"     rather than: {'; '.join(f'{what} (−{less:.0f})' for what, less in f.rivals[:2])}")

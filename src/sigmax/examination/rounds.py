@@ -106,15 +106,15 @@ class Course:
                             f"{name} is stuck", f"up to {one.size:.0f} equal values in a row, from row {one.first}",
                             "leave these rows out: NaN",
                         )  # fmt: skip
-                    found.append(Finding(one.kind, name, *said, one.size, np.nan, one.count, nis, nis))
+                    found.append(Finding(one.kind, name, *said, one.size, np.nan, one.concerned, nis, nis))
                 at += 1
             if (twice := copies(z)) is not None and not any(f.kind == "stuck" for f in found):
                 out[:, at - z.shape[1] : at] |= twice.rows[:, None]
                 said = (
-                    "rows are copies of the one before", f"{twice.count} of {len(z)}, the first is row {twice.first}",
+                    "rows are copies of the one before", f"{twice.concerned} of {len(z)}, the first is row {twice.first}",
                     "leave them out: NaN",
                 )  # fmt: skip
-                found.append(Finding("copies", s or "rows", *said, twice.size, np.nan, twice.count, nis, nis))
+                found.append(Finding("copies", s or "rows", *said, twice.size, np.nan, twice.concerned, nis, nis))
         clean = replace(record, extra=extra, out=out)
         if found:
             after = _nis_per_value(self.setup.runner([Trial(np.zeros(len(self.setup.steps)), clean)]), clean)
@@ -125,13 +125,13 @@ class Course:
         self, best: Candidate, others: Sequence[Candidate], nis: tuple[float, float], provisional: bool
     ) -> Finding:
         rivals = [(self._said(c), c) for c in others if best.gain - c.gain < max(5.0, 0.1 * abs(best.gain))]
-        either = tuple(said for said, c in rivals if abs(best.gain - c.gain) < _TIE)
+        tied = [(said, c.kind) for said, c in rivals if abs(best.gain - c.gain) < _TIE]
         cause, size, change = told(best, self._variance(best))
         value = best.value[np.argmax(np.abs(best.value))] if best.value.size else np.nan
         std = best.std if best.value.size else np.nan
         return Finding(
             best.kind, best.where, cause, size, change, float(value), float(std), best.gain,
-            *nis, either,
+            *nis, tuple(said for said, _ in tied), tuple(kind for _, kind in tied),
             tuple((said, best.gain - c.gain) for said, c in rivals if best.gain - c.gain >= _TIE), provisional,
         )  # fmt: skip
 

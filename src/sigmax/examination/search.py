@@ -11,7 +11,7 @@ from sigmax.examination.scores import scores
 from sigmax.examination.shape import tails
 from sigmax.examination.trials import Outcome, Record, Runner, Trial, log_likelihood
 
-# Values farther off than so many robust deviations are left out, and how many rounds and how large a share that may take.
+# Values farther off than so many robust deviations are left out: in how many rounds, and how large a share at most.
 _FAR, _ROUNDS, _MOST = 4.5, 4, 0.3
 _FORWARD = 1e-3
 

@@ -131,6 +131,7 @@ class Runner:
             nu, S = {sensors[0]: nu}, {sensors[0]: S}
         seen = {s: ~np.isnan(v) for s, v in z.items()}
         fault = np.asarray(done.fault) > 0
+        sound = np.asarray(~fault.any(-1))
         clean_nu, clean_S = {}, {}
         for s in sensors:
             v = np.asarray(nu[s])
@@ -140,9 +141,7 @@ class Runner:
             clean_nu[s] = np.where(heard, v, 0.0)
             clean_S[s] = np.where(both & np.isfinite(np.asarray(S[s])), np.asarray(S[s]), one)
         words = done.faults(1)
-        return Outcome(
-            clean_nu, clean_S, {s: v[0] for s, v in seen.items()}, ~fault.any(-1), words[0] if fault[0].any() else ""
-        )
+        return Outcome(clean_nu, clean_S, {s: v[0] for s, v in seen.items()}, sound, words[0] if fault[0].any() else "")
 
     def _inputs(self, trial: Trial) -> np.ndarray:
         """The inputs of the envelope, (T, K)."""

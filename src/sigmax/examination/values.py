@@ -14,7 +14,7 @@ class Flaw(NamedTuple):
     Attributes:
         kind: "coarse", "stuck" or "copies".
         size: the step of coarse values, the longest stretch of equal ones, the number of copies.
-        count: how many values are concerned.
+        concerned: how many values are concerned.
         first: the row where it begins.
         extra: the variance that coarse values add to R.
         rows: values (T,) to leave out.
@@ -22,7 +22,7 @@ class Flaw(NamedTuple):
 
     kind: str
     size: float
-    count: int
+    concerned: int
     first: int
     extra: float
     rows: np.ndarray
