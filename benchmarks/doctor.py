@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import sigmax
+from sigmax.examination import Examination
 
 STEPS = 300
 
@@ -40,7 +41,7 @@ def beacons() -> World:
     places = {"A": (0.0, 0.0), "B": (100.0, 0.0), "C": (40.0, 90.0)}
     seen = {name: sigmax.sensors.range_only(origin=at) for name, at in places.items()}
     model = sigmax.Model(
-        motion=drive, Q=drive.noise(position=0.05, heading=0.01), sensor=seen, R=dict.fromkeys(places, [0.25])
+        motion=drive, Q=drive.noise(position=0.05, heading=0.01), sensor=seen, R={name: [0.25] for name in places}
     )
     t = np.arange(STEPS)
     inputs = np.column_stack([1.5 + 0.5 * np.sin(t / 15), 0.12 * np.cos(t / 25)])
@@ -169,7 +170,7 @@ def cases() -> Iterator[Case]:
     yield Case("km for m", ("units",), 2, None, on_first(lambda v, s, g: v / 1000))
 
 
-def examined(world: World, z: dict[str, np.ndarray]) -> sigmax.examination.Examination:
+def examined(world: World, z: dict[str, np.ndarray]) -> Examination:
     """What the doctor says."""
     whole: Any = z if world.model.several else z[""]
     return sigmax.doctor(world.model, world.prior, whole, inputs=world.inputs)
@@ -226,7 +227,8 @@ def main() -> int:
         print(f"{title}\n\n| sound model | records | with a finding | of kind |\n|---|---|---|---|")
         sound(worlds, range(first, first + given.sound))
         print(
-            "\n| fault | found (strength 1 2 3) | named first or tied | size within 2 std | else |\n|---|---|---|---|---|"
+            "\n| fault | found (strength 1 2 3) | named first or tied | size within 2 std | else |\n"
+            "|---|---|---|---|---|"
         )
         faults(worlds, range(first + 500, first + 500 + given.seeds))
     print(f"{time.perf_counter() - begun:.0f} s")

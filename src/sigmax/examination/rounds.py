@@ -22,7 +22,7 @@ from sigmax.examination.trials import Outcome, Record, Trial, log_likelihood
 from sigmax.examination.values import copies, flaw
 from sigmax.examination.words import told
 
-_ROUNDS, _ALPHA, _TIE = 4, 0.01, 3.0
+_ROUNDS, _ALPHA, _TIE = 4, 0.003, 3.0
 _SHAPES = ("tails", "outliers")
 # Causes that another one imitates, and which tell the simpler story where they tell nearly as much.
 _SIMPLER = ("sign", "turned", "degrees", "convention", "swap", "units")
@@ -111,7 +111,8 @@ class Course:
             if (twice := copies(z)) is not None and not any(f.kind == "stuck" for f in found):
                 out[:, at - z.shape[1] : at] |= twice.rows[:, None]
                 said = (
-                    "rows are copies of the one before", f"{twice.concerned} of {len(z)}, the first is row {twice.first}",
+                    "rows are copies of the one before",
+                    f"{twice.concerned} of {len(z)}, the first is row {twice.first}",
                     "leave them out: NaN",
                 )  # fmt: skip
                 found.append(Finding("copies", s or "rows", *said, twice.size, np.nan, twice.concerned, nis, nis))

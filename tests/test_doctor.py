@@ -1,0 +1,152 @@
+"""The doctor: silent on sound records, right about faults that are put into them."""
+
+import numpy as np
+import pytest
+
+import sigmax
+from sigmax.examination.values import copies, flaw
+
+T = 250
+
+
+def radar():
+    flight = sigmax.motions.constant_velocity(("north", "east"))
+    seen = sigmax.sensors.range_azimuth()
+    model = sigmax.Model(motion=flight, Q=flight.noise(0.5), sensor=seen, R=[900.0, 4e-6])
+    return model, sigmax.Gaussian([-20e3, 5e3, 60.0, -80.0], [1e4, 1e4, 100.0, 100.0])
+
+
+def record(seed):
+    """Of the radar's model, drawn without the library: white acceleration of spectral density 0.5."""
+    rng = np.random.default_rng(seed)
+    noise = 0.5 * np.kron([[1 / 3, 1 / 2], [1 / 2, 1.0]], np.eye(2))
+    root = np.linalg.cholesky(noise)
+    x = np.array([-20e3, 5e3, 60.0, -80.0]) + rng.normal(size=4) * [100, 100, 10, 10]
+    z = []
+    for _ in range(T):
+        x = np.concatenate([x[:2] + x[2:], x[2:]]) + root @ rng.normal(size=4)
+        z.append([np.hypot(x[0], x[1]), np.arctan2(x[1], x[0])])
+    return np.array(z) + rng.normal(size=(T, 2)) * [30.0, 0.002]
+
+
+def test_the_test_draws_what_the_model_says():
+    model, _ = radar()
+    Q = model.Q(1.0) if callable(model.Q) else model.Q
+    np.testing.assert_allclose(np.asarray(Q), 0.5 * np.kron([[1 / 3, 1 / 2], [1 / 2, 1.0]], np.eye(2)))
+
+
+def test_sound_records_have_no_findings():
+    model, prior = radar()
+    spoken = [seed for seed in range(20) if sigmax.doctor(model, prior, record(seed)).findings]
+    # One in a hundred would be allowed; three of twenty then come once in a thousand times.
+    assert len(spoken) < 3
+
+
+def changed(z, j, values):
+    z = z.copy()
+    z[:, j] = values
+    return z
+
+
+NOISE = np.random.default_rng(99).normal(size=T)
+FAULTS = {
+    "R": lambda z: changed(z, 0, z[:, 0] + 60.0 * NOISE),
+    "degrees": lambda z: changed(z, 1, np.rad2deg(z[:, 1])),
+    "units": lambda z: changed(z, 0, z[:, 0] / 1000),
+    "outliers": lambda z: changed(z, 0, z[:, 0] + 500 * (np.arange(T) % 16 == 9) * np.sign(NOISE)),
+    "coarse": lambda z: changed(z, 0, np.round(z[:, 0] / 150) * 150),
+    "stuck": lambda z: changed(z, 0, np.where((np.arange(T) > 100) & (np.arange(T) < 120), z[100, 0], z[:, 0])),
+    "copies": lambda z: np.where((np.arange(T) % 20 == 7)[:, None], np.roll(z, 1, 0), z),
+    "sign": lambda z: changed(z, 1, -z[:, 1]),
+}
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_a_fault_is_named_first(kind):
+    model, prior = radar()
+    found = sigmax.doctor(model, prior, FAULTS[kind](record(3)))
+    assert found.status == 1
+    assert kind in (found.findings[0].kind, *found.findings[0].either_kinds), found
+
+
+def test_the_size_of_a_wrong_R_is_within_its_error_and_its_change_mends_it():
+    model, prior = radar()
+    z = FAULTS["R"](record(5))
+    (found,) = sigmax.doctor(model, prior, z).findings
+    assert found.where == "range"
+    assert abs(found.value - np.log(5)) < 3 * found.std < 0.6
+    assert found.nis_before > 2 > 1.2 > found.nis_after > 0.8
+    mended = sigmax.Model(
+        motion=model.motion, state=model.state, Q=model.Q, sensor=model.sensors[""], measurement=model.measurement[""],
+        R=[900.0 * np.exp(found.value), 4e-6],
+    )  # fmt: skip
+    assert sigmax.doctor(mended, prior, z).status == 0
+
+
+def test_a_deviation_for_a_variance_is_called_so():
+    model, prior = radar()
+    wrong = sigmax.Model(
+        motion=model.motion, state=model.state, Q=model.Q, sensor=model.sensors[""], measurement=model.measurement[""],
+        R=[30.0, 4e-6],
+    )  # fmt: skip
+    (found,) = sigmax.doctor(wrong, prior, record(6)).findings
+    assert (found.kind, found.where) == ("R", "range")
+    assert "R wants the variance 900" in found.size
+
+
+def two_gauges(seed, shift=0.0):
+    rng = np.random.default_rng(seed)
+    level = 10 + np.cumsum(rng.normal(size=T) * 0.2)
+    z = {"near": level[:, None] + 0.3 * rng.normal(size=(T, 1)), "far": level[:, None] + 0.5 * rng.normal(size=(T, 1))}
+    z["far"] += shift
+    walk = sigmax.motions.random_walk(("level",))
+    seen = {s: sigmax.sensors.position(at=(0,), names=("level",)) for s in z}
+    model = sigmax.Model(motion=walk, Q=[0.04], sensor=seen, R={"near": [0.09], "far": [0.25]})
+    return model, sigmax.Gaussian([10.0], [1.0]), z
+
+
+def test_an_offset_between_two_sensors_has_its_size_and_either_may_have_it():
+    found = sigmax.doctor(*two_gauges(2, 0.6)).findings[0]
+    assert found.kind == "bias"
+    signed = found.value if found.where == "far.level" else -found.value
+    assert abs(signed - 0.6) < 3 * found.std
+    assert any("offset" in other or "factor" in other for other in found.either)
+    assert not sigmax.doctor(*two_gauges(1)).findings
+
+
+def test_what_is_too_short_is_not_examined():
+    model, prior = radar()
+    found = sigmax.doctor(model, prior, record(1)[:10])
+    assert found.status == 2
+    assert "too few" in str(found)
+
+
+def test_missing_values_and_times_are_those_of_run():
+    model, prior = radar()
+    z = record(2)
+    z[30:45] = np.nan
+    z[80, 1] = np.nan
+    one = sigmax.doctor(model, prior, z, dt=1.0)
+    other = sigmax.doctor(model, prior, z, t=np.arange(1.0, T + 1), t0=0.0)
+    assert one.nis == pytest.approx(other.nis)
+    assert one.status == other.status == 0
+    assert one.to_dict()["status"] == 0
+
+
+def test_what_cannot_be_examined_is_refused_in_words():
+    model, prior = radar()
+    with pytest.raises(sigmax.InputError, match="one record"):
+        sigmax.doctor(model, prior, np.stack([record(1)] * 2))
+    with pytest.raises(sigmax.InputError, match=r"examines a sigmax.Model"):
+        sigmax.doctor("radar", prior, record(1))
+    with pytest.raises(sigmax.InputError, match="one of its members"):
+        sigmax.doctor(model, prior, record(1), filter=sigmax.bank("EKF"))
+
+
+def test_coarse_values_are_neither_stuck_nor_copies():
+    rng = np.random.default_rng(0)
+    v = np.round(np.cumsum(rng.normal(size=300)) / 2) * 2
+    found = flaw(v, 0.5)
+    assert found.kind == "coarse" and found.size == 2 and found.extra == pytest.approx(4 / 12)
+    assert copies(v[:, None]) is None
+    assert flaw(rng.normal(size=300), 1.0) is None
