@@ -10,7 +10,7 @@ from sigmax.errors import InputError
 from sigmax.examination.envelope import component_names, envelope, parameters_of
 from sigmax.examination.hypotheses import groups_of, hypotheses, moved, natural_steps, noise_at
 from sigmax.examination.report import Examination, Finding
-from sigmax.examination.rounds import Course
+from sigmax.examination.rounds import Rounds
 from sigmax.examination.search import Setup
 from sigmax.examination.trials import Record, Runner, Trial
 from sigmax.filters import Bank, Filter, once
@@ -73,15 +73,15 @@ def doctor(
     record, setup = _laid_out(ready, update_first)
     values = sum(int(np.isfinite(v).sum()) for v in record.z.values())
     first = setup.runner([Trial(np.zeros(len(setup.steps)), record)])
-    course = Course(setup, record, first)
+    rounds = Rounds(setup, record, first)
     findings: tuple[Finding, ...] = ()
     undetermined: tuple[str, ...] = ()
     if values < _FEWEST + record.mean.size:
         refused = f"{values} values are too few; from {_FEWEST + record.mean.size} on there is something to say"
     else:
-        findings, undetermined, refused = course.examine()
+        findings, undetermined, refused = rounds.examine()
     return Examination(
-        findings, refused, undetermined, course.tested, course.nis0, len(record.dt), chosen.name,
+        findings, refused, undetermined, rounds.tested, rounds.nis0, len(record.dt), chosen.name,
         time.perf_counter() - begun,
     )  # fmt: skip
 

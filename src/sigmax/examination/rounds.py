@@ -35,7 +35,7 @@ class Accepted(NamedTuple):
     finding: Finding
 
 
-class Course:
+class Rounds:
     """One examination as it goes on."""
 
     def __init__(self, setup: Setup, record: Record, first: Outcome) -> None:
