@@ -1,10 +1,16 @@
 """The doctor: silent on sound records, right about faults that are put into them."""
 
+import json
+import subprocess
+import sys
+
 import numpy as np
+import pandas as pd
 import pytest
 
 import sigmax
 from sigmax.examination.values import copies, flaw
+from tests.own_records import RADAR
 
 T = 250
 
@@ -147,6 +153,40 @@ def test_coarse_values_are_neither_stuck_nor_copies():
     rng = np.random.default_rng(0)
     v = np.round(np.cumsum(rng.normal(size=300)) / 2) * 2
     found = flaw(v, 0.5)
-    assert found.kind == "coarse" and found.size == 2 and found.extra == pytest.approx(4 / 12)
+    assert found.kind == "coarse"
+    assert found.size == 2
+    assert found.extra == pytest.approx(4 / 12)
     assert copies(v[:, None]) is None
     assert flaw(rng.normal(size=300), 1.0) is None
+
+
+def examined(*arguments):
+    """Exit status and standard output of `sigmax doctor`."""
+    done = subprocess.run(
+        [sys.executable, "-m", "sigmax.cli", "doctor", *arguments], capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stdout
+
+
+def test_the_command_ends_with_its_answer(tmp_path):
+    """Two tracks, one with ranges in other units; sound, with findings, and too short."""
+    rng = np.random.default_rng(8)
+    t = np.arange(300.0)
+    rows = []
+    for name, unit in (("sound", 1.0), ("feet", 1 / 0.3048)):
+        v = np.cumsum(rng.normal(size=(300, 2)) * 0.7, 0) + np.array([60.0, -80.0])
+        x = np.cumsum(v, 0) + np.array([-20e3, 50e3])
+        r = np.hypot(*x.T) + 30 * rng.normal(size=300)
+        a = np.degrees(np.arctan2(x[:, 1], x[:, 0])) + 0.2 * rng.normal(size=300)
+        rows.append(pd.DataFrame({"t": t, "aircraft": name, "range_km": r * unit / 1000, "azimuth_deg": a}))
+    pd.concat([*rows, rows[0][:9].assign(aircraft="short")]).to_csv(tmp_path / "radar.csv", index=False)
+    text = RADAR[: RADAR.index("[truth]")]
+    (tmp_path / "radar.toml").write_text(text)
+    path = str(tmp_path / "radar.toml")
+    assert examined(path, "--track", "sound")[0] == 0
+    assert examined(path, "--track", "short")[0] == 2
+    status, out = examined(path, "--track", "feet", "--json")
+    first = json.loads(out)["feet"]["findings"][0]
+    assert status == 1
+    assert "range" in first["cause"]
+    assert examined(path, "--track", "other")[0] == 2

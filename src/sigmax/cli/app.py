@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from sigmax.cli.commands import explain_command, serve_command, terrain_command
+from sigmax.cli.commands import doctor_command, explain_command, serve_command, terrain_command
 from sigmax.signals import say_on_signal
 
 app = typer.Typer(
@@ -91,6 +91,7 @@ def track_command(
 
 app.command("terrain")(terrain_command)
 app.command("explain")(explain_command)
+app.command("doctor")(doctor_command)
 app.command("serve")(serve_command)
 
 

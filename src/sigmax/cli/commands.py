@@ -1,4 +1,4 @@
-"""Commands of the cheap transform, of terrain-aided navigation and of the service; slow loads are inside."""
+"""Commands that need little of their own to be read; what is slow to load is inside them."""
 
 from pathlib import Path
 from typing import Annotated
@@ -52,6 +52,38 @@ def explain_command(
     from sigmax.cli.explain import explain_model
 
     explain_model(model, filter, measure)
+
+
+def doctor_command(
+    record: Annotated[
+        str,
+        typer.Argument(
+            help="A built-in record (see: sigmax records), or a TOML file that describes your data.",
+            show_default=False,
+        ),
+    ],
+    filter: Annotated[
+        str | None,
+        typer.Option(
+            "--filter", "-f", help="Whose likelihood judges, as for track; else the record's first.", show_default=False
+        ),
+    ] = None,
+    track: Annotated[
+        list[str] | None,
+        typer.Option("--track", help="Examine this track alone; may be repeated.", show_default=False),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the examinations of all tracks as JSON.")] = False,
+) -> None:
+    """Say what is wrong with the model of a record: causes with evidence, size, remedy and proof.
+
+    Exit status: 0 nothing found; 1 findings; 2 it cannot be examined.
+
+    Example: sigmax doctor plaza2 --filter EKF:fixed=range_scale
+    """
+    say_on_signal("the examination was not finished")
+    from sigmax.cli.doctor import examine_record
+
+    examine_record(record, filter, track or [], as_json)
 
 
 def serve_command(

@@ -21,9 +21,10 @@ _NAMED = {
 
 
 def recognised(log: float, std: float, power: int = 1) -> str:
-    """What a factor eˡᵒᵍ is known by, within three standard errors; empty where nothing is."""
+    """What a factor eˡᵒᵍ is known by, within three standard errors; empty where nothing is, or anything could be."""
     for factor, name in _NAMED.items():
-        if abs(log - power * np.log(factor)) < max(3 * std, 1e-3) and std < 0.3:
+        # Of a factor that is known to a third only, one of these names would fit by chance.
+        if abs(log - power * np.log(factor)) < max(3 * std, 1e-3) and std < 0.1:
             return f" ({'the square of ' if power == 2 else ''}{name})"
     return ""
 

@@ -1,0 +1,67 @@
+"""`sigmax doctor`."""
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+
+from sigmax.cli.progress import progress_on
+from sigmax.errors import InputError, unknown
+from sigmax.examination import Examination, doctor
+from sigmax.filters import Filter
+from sigmax.models import Gaussian, Model
+from sigmax.records import Record, load, load_plots, parse_trial
+
+
+def examine_record(name: str, filter: str | None, tracks: Sequence[str], as_json: bool) -> None:
+    """Examine each track of a record, or some, and print what was found.
+
+    Raises:
+        InputError: for plots, which belong to no track yet, and whatever `sigmax.doctor` refuses.
+        SystemExit: with the status of the examinations: 1 where one has findings, 2 where none could be made.
+    """
+    console, errors = Console(), Console(stderr=True)
+    with errors.status("reading the record"):
+        if load_plots(name, None) is not None:
+            raise InputError(f"{name} holds plots: the doctor examines records whose measurements belong to a track")
+        record = load(name)
+    trial = record.trials[0] if filter is None else parse_trial(filter)
+    judge, model, prior = record.told(trial)
+    for track in tracks:
+        if track not in record.tracks:
+            raise unknown("track", track, record.tracks)
+    chosen = [i for i, track in enumerate(record.tracks) if not tracks or track in tracks]
+    found: dict[str, Examination] = {}
+    with progress_on(errors) as progress:
+        task = progress.add_task("", total=len(chosen))
+        for i in chosen:
+            progress.update(task, description=escape(f"{record.name}: examining {record.tracks[i]}"))
+            found[record.tracks[i]] = _examined(record, i, judge, model, prior)
+            progress.advance(task)
+    if as_json:
+        print(json.dumps({track: one.to_dict() for track, one in found.items()}, indent=2))
+    else:
+        for track, one in found.items():
+            title = record.title if len(record.tracks) == 1 else f"{record.title}: {track}"
+            console.print(f"[bold]{escape(title)}[/]\n{escape(repr(one))}", highlight=False, soft_wrap=True)
+    statuses = {one.status for one in found.values()}
+    # One track that can be examined is enough for an answer.
+    raise SystemExit(1 if 1 in statuses else 0 if 0 in statuses else 2)
+
+
+def _examined(record: Record, i: int, judge: Filter, model: Model, prior: Gaussian) -> Examination:
+    steps = slice(0, int(record.steps[i]))
+    own = [np.asarray(a)[i] if np.ndim(a) > d else a for a, d in ((prior.mean, 1), (prior.cov, 2))]
+    by_sensor = isinstance(record.z, dict)
+    z = {s: v[i, steps] for s, v in record.z.items()} if by_sensor else record.z[i, steps]
+    return doctor(
+        model,
+        Gaussian(*own),
+        z,
+        filter=judge,
+        dt=record.dt[i, steps],
+        inputs=None if record.inputs is None else record.inputs[i, steps],
+        update_first=record.update_first,
+    )
