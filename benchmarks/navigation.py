@@ -98,7 +98,7 @@ def main(
 
 
 def most_likely(record: Record) -> tuple[Noises, float]:
-    """The noises that no single factor of 3 makes more likely on the first half, and their log likelihood."""
+    """Noises that no single factor of 3 makes likelier by more than 1 on the first half, and their log likelihood."""
     half = record.time.shape[1] // 2
     z = {s: v[0, :half] for s, v in record.z.items()}
     filter = sigmax.get("EKF", update={"satellites": "student"})
@@ -108,12 +108,13 @@ def most_likely(record: Record) -> tuple[Noises, float]:
         return float(got.log_likelihood) if got.ok.all() else -np.inf
 
     best, highest, better = NOISES, value(NOISES), True
+    Console().print(f"{best}: {highest:.1f}")
     while better:
         better = False
         for name in Noises._fields:
             for factor in (3.0, 1 / 3):
                 other = best._replace(**{name: getattr(best, name) * factor})
-                if (found := value(other)) > highest:
+                if (found := value(other)) > highest + 1:
                     best, highest, better = other, found, True
                     Console().print(f"{name} {getattr(best, name):.3g}: {highest:.1f}")
     return best, highest
