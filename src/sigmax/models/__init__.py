@@ -1,6 +1,6 @@
 """Models: what moves, what is seen, and how uncertain both are."""
 
-from sigmax.models import motions, navigation, sensors
+from sigmax.models import earth, motions, navigation, sensors
 from sigmax.models.augment import augment
 from sigmax.models.bias import Bias
 from sigmax.models.components import angle, direction, extended_pose, part, pose2, pose3, rotation
@@ -26,6 +26,7 @@ __all__ = [
     "angle",
     "augment",
     "direction",
+    "earth",
     "extended_pose",
     "fused",
     "imm",

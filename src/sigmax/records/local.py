@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.models.earth import local, local_velocity
 from sigmax.records.description import Column, LocalPart
-from sigmax.records.geodesy import east_north, velocity_east_north
 from sigmax.records.table import Table
 from sigmax.records.units import ANGLE, LENGTH, SPEED, quantity, to_si
 
@@ -28,7 +28,8 @@ def with_local(table: Table, part: LocalPart | None) -> Table:
     numbers = {name: _angles(table, getattr(part, name), name) for name in ("latitude", "longitude")}
     latitude, longitude = numbers.values()
     origin = origin_of(part, latitude, longitude)
-    place = east_north(latitude, longitude, origin)
+    places = np.stack([latitude, longitude], axis=-1)
+    place = local(places, origin)
     far = distance(latitude, longitude, origin)
     within = FARTHEST if part.within is None else quantity(part.within, LENGTH, "local.within")
     if not 0 < within <= FARTHEST:
@@ -49,7 +50,7 @@ def with_local(table: Table, part: LocalPart | None) -> Table:
     if part.speed is not None and part.course is not None:
         speed = part.speed.numbers(table) * to_si(part.speed.unit, SPEED, "local.speed")
         course = part.course.numbers(table) * to_si(part.course.unit, ANGLE, "local.course")
-        velocity = velocity_east_north(speed, course, latitude, longitude, origin)
+        velocity = local_velocity(speed, course, places, origin)
         velocity[far > within] = np.nan
         more |= dict(zip(VELOCITY, velocity.T, strict=True))
     return replace(table, columns=table.columns.assign(**more))

@@ -9,8 +9,8 @@ import numpy as np
 import orjson
 
 from sigmax.errors import InputError
+from sigmax.models.earth import local, local_velocity
 from sigmax.records.description import Column, LocalPart
-from sigmax.records.geodesy import east_north, velocity_east_north
 from sigmax.records.local import FARTHEST, POSITION, VELOCITY, distance
 from sigmax.records.units import ANGLE, LENGTH, NUMBER, SPEED, parse_unit, quantity, to_si
 
@@ -128,9 +128,10 @@ class LocalRows:
             raise InputError(f"{self._columns[0].name}, {self._columns[1].name}: this is no place on the earth")
         lat, lon, *rest = (values[k : k + 1] for k in range(len(values)))
         far = not distance(lat, lon, self._origin)[0] <= self._within
-        more = dict(zip(POSITION, east_north(lat, lon, self._origin)[0].tolist(), strict=True))
+        places = np.stack([lat, lon], axis=-1)
+        more = dict(zip(POSITION, local(places, self._origin)[0].tolist(), strict=True))
         if rest:
             speed, course = rest
-            velocity = velocity_east_north(speed, course, lat, lon, self._origin)[0]
+            velocity = local_velocity(speed, course, places, self._origin)[0]
             more |= dict(zip(VELOCITY, velocity.tolist(), strict=True))
         return {**row, **(dict.fromkeys(more) if far else more)}
