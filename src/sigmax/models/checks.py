@@ -19,7 +19,8 @@ from sigmax.errors import InputError
 
 def is_traced(value: Any) -> bool:
     """Whether a value is being differentiated or compiled, so that its numbers are not known."""
-    if isinstance(value, Iterator):
+    # Arrays and numbers hold none, and leaves of these are asked for often.
+    if isinstance(value, np.ndarray | float | int | Iterator):
         return False
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
 
