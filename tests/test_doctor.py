@@ -9,7 +9,9 @@ import pandas as pd
 import pytest
 
 import sigmax
+from sigmax.examination.search import Candidate
 from sigmax.examination.values import copies, flaw
+from sigmax.examination.words import told
 from tests.own_records import RADAR
 
 T = 250
@@ -190,3 +192,11 @@ def test_the_command_ends_with_its_answer(tmp_path):
     assert status == 1
     assert "range" in first["cause"]
     assert examined(path, "--track", "other")[0] == 2
+
+
+@pytest.mark.parametrize("value", [-3.0, -1.0, -0.6952, 0.5])
+def test_a_factor_of_any_sign_has_words(value):
+    cause, size, change = told(Candidate("scale", "range", 9.0, np.array([value]), 1e-4), None)
+    assert "factor" in cause
+    assert ("feet" in size) == (value == -0.6952)
+    assert "range" in change

@@ -52,7 +52,7 @@ def doctor(
         update_first: as in `run`.
 
     Returns:
-        The examination: print it. A sound model has no findings in 99 of 100 records.
+        The examination: print it. How often a sound model has findings stands in the docs, with the command.
 
     Raises:
         InputError: for whatever `run` refuses, a batch of records, modes, and curved parts of state or measurement.

@@ -38,7 +38,8 @@ def told(c: Candidate, variance: float | None) -> tuple[str, str, str]:
     if c.kind == "bias":
         return f"{c.where} is offset", f"{say} too much", f"subtract {v:.4g} from {c.where}, or estimate it: bias="
     if c.kind == "scale":
-        known = recognised(np.log1p(v), c.std / (1 + v))
+        # A factor below 0 is another sign, and has no name beside it.
+        known = recognised(np.log1p(v), c.std / (1 + v)) if v > -1 else ""
         return (
             f"{c.where} is {'too long' if v > 0 else 'too short'} by a factor",
             f"{measured(1 + v, c.std)}{known}",
