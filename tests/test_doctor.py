@@ -1,14 +1,13 @@
 """The doctor: silent on sound records, right about faults that are put into them."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import sigmax
+from sigmax.cli.app import app
 from sigmax.examination.search import Candidate
 from sigmax.examination.values import copies, flaw
 from sigmax.examination.words import told
@@ -162,15 +161,14 @@ def test_coarse_values_are_neither_stuck_nor_copies():
     assert flaw(rng.normal(size=300), 1.0) is None
 
 
-def examined(*arguments):
+def examined(capsys, *arguments):
     """Exit status and standard output of `sigmax doctor`."""
-    done = subprocess.run(
-        [sys.executable, "-m", "sigmax.cli", "doctor", *arguments], capture_output=True, text=True, check=False
-    )
-    return done.returncode, done.stdout
+    with pytest.raises(SystemExit) as ended:
+        app(["doctor", *arguments])
+    return ended.value.code, capsys.readouterr().out
 
 
-def test_the_command_ends_with_its_answer(tmp_path):
+def test_the_command_ends_with_its_answer(tmp_path, capsys):
     """Two tracks, one with ranges in other units; sound, with findings, and too short."""
     rng = np.random.default_rng(8)
     t = np.arange(300.0)
@@ -185,13 +183,14 @@ def test_the_command_ends_with_its_answer(tmp_path):
     text = RADAR[: RADAR.index("[truth]")]
     (tmp_path / "radar.toml").write_text(text)
     path = str(tmp_path / "radar.toml")
-    assert examined(path, "--track", "sound")[0] == 0
-    assert examined(path, "--track", "short")[0] == 2
-    status, out = examined(path, "--track", "feet", "--json")
+    assert examined(capsys, path, "--track", "sound")[0] == 0
+    assert examined(capsys, path, "--track", "short")[0] == 2
+    status, out = examined(capsys, path, "--track", "feet", "--json")
     first = json.loads(out)["feet"]["findings"][0]
     assert status == 1
     assert "range" in first["cause"]
-    assert examined(path, "--track", "other")[0] == 2
+    with pytest.raises(sigmax.InputError, match="unknown track"):
+        app(["doctor", path, "--track", "other"])
 
 
 @pytest.mark.parametrize("value", [-3.0, -1.0, -0.6952, 0.5])

@@ -190,7 +190,7 @@ def test_it_is_the_error_state_filter_of_the_matrices():
         assert np.abs((got.cov[k] - P) / np.outer(deviation, deviation)).max() < 1e-7
 
 
-@pytest.mark.parametrize("name", ["EKF", "SREUKFB"])
+@pytest.mark.parametrize("name", ["EKF", pytest.param("SREUKFB", marks=pytest.mark.slow)])
 def test_a_world_turned_about_its_vertical_gives_the_same_turned(name):
     u, turn = flight(40), 2.1
     motion = navigation.strapdown()
