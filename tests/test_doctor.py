@@ -1,6 +1,7 @@
 """The doctor: silent on sound records, right about faults that are put into them."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -8,9 +9,10 @@ import pytest
 
 import sigmax
 from sigmax.cli.app import app
+from sigmax.examination.alternatives import FACTORS
 from sigmax.examination.search import Candidate
 from sigmax.examination.values import copies, flaw
-from sigmax.examination.words import told
+from sigmax.examination.words import in_words
 from tests.own_records import RADAR
 
 T = 250
@@ -189,13 +191,27 @@ def test_the_command_ends_with_its_answer(tmp_path, capsys):
     first = json.loads(out)["feet"]["findings"][0]
     assert status == 1
     assert "range" in first["cause"]
+    assert "feet" in first["cause"] + first["size"]
     with pytest.raises(sigmax.InputError, match="unknown track"):
         app(["doctor", path, "--track", "other"])
 
 
-@pytest.mark.parametrize("value", [-3.0, -1.0, -0.6952, 0.5])
+@pytest.mark.parametrize("value", [-3.0, -1.0, 0.5])
 def test_a_factor_of_any_sign_has_words(value):
-    cause, size, change = told(Candidate("scale", "range", 9.0, np.array([value]), 1e-4), None)
+    cause, size, change = in_words(Candidate("scale", "range", 9.0, np.array([value]), 1e-4), None)
     assert "factor" in cause
-    assert ("feet" in size) == (value == -0.6952)
+    assert "wanted" not in size
     assert "range" in change
+
+
+@pytest.mark.parametrize("factor", FACTORS)
+def test_a_scale_is_called_as_another_reading_of_the_values_is(factor):
+    """Values that a factor mends are too long by its inverse."""
+    scale = Candidate("scale", "range", 9.0, np.array([1 / factor - 1]), 1e-5 / factor)
+    gain = Candidate("input gain", "speed", 9.0, np.array([factor - 1]), 1e-5 * factor)
+    for _, size, _ in (in_words(scale, None), in_words(gain, None)):
+        found = re.search(r"\((.*?)(?:: (.*) where (.*) are wanted)?\)", size)
+        assert found is not None
+        assert eval(found[1]) == pytest.approx(factor, rel=1e-3)
+        if found[2]:
+            assert FACTORS[factor] == f"in {found[2]} where the model has {found[3]}"

@@ -28,11 +28,11 @@ def by_proj(found):
 @pytest.mark.parametrize("seed", range(5))
 def test_coordinates_from_the_centre_are_those_of_proj(seed):
     where = places(seed)
-    assert np.allclose(earth.geocentric(where), by_proj(where), rtol=0, atol=1e-8)
-    back = earth.of_geocentric(earth.geocentric(where))
+    assert np.allclose(earth.to_ecef(where), by_proj(where), rtol=0, atol=1e-8)
+    back = earth.from_ecef(earth.to_ecef(where))
     assert np.linalg.norm(by_proj(back) - by_proj(where), axis=-1).max() < 1e-7
-    flat = earth.geocentric(where[:, :2])
-    assert np.array_equal(flat, earth.geocentric(where * [1, 1, 0]))
+    flat = earth.to_ecef(where[:, :2])
+    assert np.array_equal(flat, earth.to_ecef(where * [1, 1, 0]))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -50,14 +50,14 @@ def test_a_local_frame_is_that_of_proj_and_leads_back(seed, frame):
     want = np.stack(topocentric.transform(near[:, 1], near[:, 0], near[:, 2], radians=True), axis=-1)
     if frame == "ned":
         want = want[:, [1, 0, 2]] * [1, 1, -1]
-    got = earth.local(near, origin, frame)
+    got = earth.to_local(near, origin, frame)
     assert np.allclose(got, want, rtol=0, atol=1e-6)
-    back = earth.of_local(got, origin, frame)
+    back = earth.from_local(got, origin, frame)
     assert np.linalg.norm(by_proj(back) - by_proj(near), axis=-1).max() < 1e-7
     # In the plane alone: points of the ellipsoid.
-    plane = earth.local(near[:, :2], origin, frame)
-    again = earth.of_local(plane, origin, frame)
-    assert np.linalg.norm(earth.geocentric(again) - earth.geocentric(near[:, :2]), axis=-1).max() < 1e-6
+    plane = earth.to_local(near[:, :2], origin, frame)
+    again = earth.from_local(plane, origin, frame)
+    assert np.linalg.norm(earth.to_ecef(again) - earth.to_ecef(near[:, :2]), axis=-1).max() < 1e-6
 
 
 def test_a_velocity_is_the_difference_of_places():
@@ -66,22 +66,22 @@ def test_a_velocity_is_the_difference_of_places():
     here = origin + rng.uniform(-0.01, 0.01, (40, 2))
     speed, course = rng.uniform(1, 300, 40), rng.uniform(-np.pi, np.pi, 40)
     ahead = pyproj.Geod(ellps="WGS84").fwd(here[:, 1], here[:, 0], course, speed * h, radians=True)
-    moved = earth.local(np.stack([ahead[1], ahead[0]], -1), origin) - earth.local(here, origin)
+    moved = earth.to_local(np.stack([ahead[1], ahead[0]], -1), origin) - earth.to_local(here, origin)
     assert np.allclose(earth.local_velocity(speed, course, here, origin), moved / h, rtol=1e-4, atol=1e-3)
 
 
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: earth.geocentric([48.1, 11.5]), "radians"),
-        (lambda: earth.geocentric([0.2]), "latitudes, longitudes"),
-        (lambda: earth.geocentric(np.zeros((3, 4))), "latitudes, longitudes"),
-        (lambda: earth.of_geocentric([6378.0, 0.0, 0.0]), "are these metres"),
-        (lambda: earth.of_geocentric([1e7, 0.0]), "three coordinates"),
-        (lambda: earth.local([0.1, 0.2], [np.nan, 0.0]), "one place"),
-        (lambda: earth.local([0.1, 0.2], [[0.1, 0.2]]), "one place"),
-        (lambda: earth.local([0.1, 0.2], [0.1, 0.2], "ecef"), "enu"),
-        (lambda: earth.of_local([1.0], [0.1, 0.2]), "2 or 3 coordinates"),
+        (lambda: earth.to_ecef([48.1, 11.5]), "radians"),
+        (lambda: earth.to_ecef([0.2]), "latitudes, longitudes"),
+        (lambda: earth.to_ecef(np.zeros((3, 4))), "latitudes, longitudes"),
+        (lambda: earth.from_ecef([6378.0, 0.0, 0.0]), "are these metres"),
+        (lambda: earth.from_ecef([1e7, 0.0]), "three coordinates"),
+        (lambda: earth.to_local([0.1, 0.2], [np.nan, 0.0]), "one place"),
+        (lambda: earth.to_local([0.1, 0.2], [[0.1, 0.2]]), "one place"),
+        (lambda: earth.to_local([0.1, 0.2], [0.1, 0.2], "ecef"), "enu"),
+        (lambda: earth.from_local([1.0], [0.1, 0.2]), "2 or 3 coordinates"),
     ],
 )
 def test_what_is_no_place_is_refused(call, said):
@@ -90,6 +90,6 @@ def test_what_is_no_place_is_refused(call, said):
 
 
 def test_missing_stays_missing():
-    found = earth.local([[0.1, np.nan], [0.1, 0.2]], (0.1, 0.2))
+    found = earth.to_local([[0.1, np.nan], [0.1, 0.2]], (0.1, 0.2))
     assert np.isnan(found[0]).any()
     assert np.array_equal(found[1], [0.0, 0.0])

@@ -17,7 +17,7 @@ import pytest
 
 import sigmax
 from sigmax.errors import InputError
-from sigmax.models.earth import local, local_velocity
+from sigmax.models.earth import local_velocity, to_local
 from sigmax.records import load
 from sigmax.records.read_table import read_table
 from sigmax.records.suggest import propose
@@ -41,11 +41,13 @@ def test_a_step_on_the_ellipsoid_is_as_long_as_its_curvature_says(place: tuple[f
     lat, lon = map(math.radians, place)
     step = 1e-6
     meridian, across = radii(lat)
-    found = local(np.stack([[lat + step, lat], [lon, lon + step]], -1), (lat, lon))
+    found = to_local(np.stack([[lat + step, lat], [lon, lon + step]], -1), (lat, lon))
     np.testing.assert_allclose(found, [[0, meridian * step], [across * math.cos(lat) * step, 0]], rtol=1e-5, atol=2e-5)
     # Over the line where longitudes jump.
     np.testing.assert_allclose(
-        local(np.stack([[lat], [lon - math.copysign(2 * math.pi, lon) + step]], -1), (lat, lon))[0], found[1], atol=1e-6
+        to_local(np.stack([[lat], [lon - math.copysign(2 * math.pi, lon) + step]], -1), (lat, lon))[0],
+        found[1],
+        atol=1e-6,
     )
 
 
@@ -57,7 +59,7 @@ def test_a_velocity_is_the_change_of_the_position() -> None:
         course, dt = rng.uniform(0, 2 * math.pi), 1e-2
         meridian, across = radii(lat)
         later = lat + 20 * math.cos(course) * dt / meridian, lon + 20 * math.sin(course) * dt / across / math.cos(lat)
-        both = local(np.stack([[lat, later[0]], [lon, later[1]]], -1), origin)
+        both = to_local(np.stack([[lat, later[0]], [lon, later[1]]], -1), origin)
         said = local_velocity(np.array([20.0]), np.array([course]), np.array([[lat, lon]]), origin)
         np.testing.assert_allclose(said[0], (both[1] - both[0]) / dt, atol=1e-4)
 

@@ -7,19 +7,25 @@ from itertools import combinations
 import numpy as np
 
 from sigmax.examination.envelope import Envelope, component_names, input_names
-from sigmax.examination.trials import Record
+from sigmax.examination.variants import RecordData
 
-# What lengths and speeds are mistaken by: the factor that mends the values, and what they were.
+# What is mistaken for what: the factor that mends the values, as people know it, what they are in, what the model has.
+UNITS = {
+    np.pi / 180: ("π/180", "degrees", "radians"),
+    180 / np.pi: ("180/π", "radians", "degrees"),
+    0.3048: ("0.3048", "feet", "metres"),
+    1 / 0.3048: ("1/0.3048", "metres", "feet"),
+    1852.0: ("1852", "nautical miles", "metres"),
+    1 / 1852.0: ("1/1852", "metres", "nautical miles"),
+    0.5144444444444445: ("0.5144", "knots", "m/s"),
+    1 / 3.6: ("1/3.6", "km/h", "m/s"),
+    3.6: ("3.6", "m/s", "km/h"),
+}
+# Of lengths and speeds, in words.
 FACTORS = {
     1e3: "in thousands of the model's unit (km for m)",
     1e-3: "in thousandths of the model's unit (m for km, mm for m)",
-    0.3048: "in feet where the model has metres",
-    1 / 0.3048: "in metres where the model has feet",
-    1852.0: "in nautical miles where the model has metres",
-    1 / 1852.0: "in metres where the model has nautical miles",
-    0.5144444444444445: "in knots where the model has m/s",
-    1 / 3.6: "in km/h where the model has m/s",
-    3.6: "in m/s where the model has km/h",
+    **{c: f"in {a} where the model has {b}" for c, (_, a, b) in UNITS.items() if "radians" not in (a, b)},
 }
 
 
@@ -40,11 +46,11 @@ class Alternative:
     where: str
     cause: str
     mend: str
-    change: Callable[[Record], Record]
+    change: Callable[[RecordData], RecordData]
     jacobian: float = 0.0
 
 
-def alternatives(family: Envelope, record: Record, timed: bool) -> list[Alternative]:
+def alternatives(family: Envelope, record: RecordData, timed: bool) -> list[Alternative]:
     """All of a record; those of time where the motion depends on it."""
     found = [*_of_measurements(family, record), *_of_inputs(family)]
     if timed:
@@ -70,7 +76,7 @@ def _time(c: float, cause: str) -> Alternative:
     )
 
 
-def _of_measurements(family: Envelope, record: Record) -> Iterator[Alternative]:
+def _of_measurements(family: Envelope, record: RecordData) -> Iterator[Alternative]:
     for s, m in family.sizes:
         names, angular = component_names(family.model, s, m), family.model.measured_angular(s, m)
         for j, name in enumerate(names):
@@ -137,16 +143,16 @@ def _of_inputs(family: Envelope) -> Iterator[Alternative]:
             yield Alternative(kind, name, cause, mend, _input(i, c))
 
 
-def _affine(s: str, j: int, c: float, offset: float) -> Callable[[Record], Record]:
+def _affine(s: str, j: int, c: float, offset: float) -> Callable[[RecordData], RecordData]:
     return lambda r: r.with_values(s, j, c * r.z[s][:, j] + offset)
 
 
-def _swapped(s: str, i: int, j: int) -> Callable[[Record], Record]:
+def _swapped(s: str, i: int, j: int) -> Callable[[RecordData], RecordData]:
     return lambda r: r.with_values(s, i, r.z[s][:, j]).with_values(s, j, r.z[s][:, i])
 
 
-def _input(i: int, c: float) -> Callable[[Record], Record]:
-    def change(r: Record) -> Record:
+def _input(i: int, c: float) -> Callable[[RecordData], RecordData]:
+    def change(r: RecordData) -> RecordData:
         u = r.u.copy()
         u[:, i] *= c
         return replace(r, u=u)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import jax.numpy as jnp
@@ -92,11 +91,10 @@ def input_names(model: Model, driven: int) -> list[str]:
     return list(named) if named is not None and len(named) == driven else [f"input {i}" for i in range(driven)]
 
 
-@lru_cache(maxsize=64)
 def envelope(
     model: Model, parameters: tuple[Parameter, ...], given: int, driven: int, sizes: tuple[tuple[str, int], ...]
 ) -> Envelope:
-    """The family of a model that has no bias and is not fused; the same one for the same model."""
+    """The family of a model that has no bias and is not fused."""
     at = _Places(parameters, given, driven, sum(m for _, m in sizes))
     made = object.__new__(Model)
     sensors, noises, before = {}, {}, 0

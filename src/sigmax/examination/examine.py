@@ -12,7 +12,7 @@ from sigmax.examination.hypotheses import groups_of, hypotheses, moved, natural_
 from sigmax.examination.report import Examination, Finding
 from sigmax.examination.rounds import Rounds
 from sigmax.examination.search import Setup
-from sigmax.examination.trials import Record, Runner, Trial
+from sigmax.examination.variants import RecordData, Runner, Variant
 from sigmax.filters import Bank, Filter, once
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
@@ -72,7 +72,7 @@ def doctor(
         raise InputError(f"the doctor examines one record; this is a batch of {ready.batch}: give one of them")
     record, setup = _laid_out(ready, update_first)
     values = sum(int(np.isfinite(v).sum()) for v in record.z.values())
-    first = setup.runner([Trial(np.zeros(len(setup.steps)), record)])
+    first = setup.runner([Variant(np.zeros(len(setup.steps)), record)])
     rounds = Rounds(setup, record, first)
     findings: tuple[Finding, ...] = ()
     undetermined: tuple[str, ...] = ()
@@ -86,13 +86,13 @@ def doctor(
     )  # fmt: skip
 
 
-def _laid_out(ready: Prepared, update_first: bool) -> tuple[Record, Setup]:
+def _laid_out(ready: Prepared, update_first: bool) -> tuple[RecordData, Setup]:
     """The record as arrays, and the filter on the envelope of the model."""
     model, sizes = ready.model, {s: v.shape[-1] for s, v in ready.z.items()}
     T, M = len(ready.dt), sum(sizes.values())
     u = np.zeros((T, 0)) if ready.u is None else np.asarray(ready.u)
     driven = 0 if ready.inputs is None else ready.inputs.shape[-1]
-    record = Record(
+    record = RecordData(
         z={s: np.asarray(v) for s, v in ready.z.items()},
         dt=np.asarray(ready.dt),
         u=u,

@@ -9,7 +9,7 @@ import numpy as np
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.examination.envelope import Envelope, Parameter
-from sigmax.examination.trials import Record
+from sigmax.examination.variants import RecordData
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of
 
@@ -63,7 +63,7 @@ def _ones(p: int, places: Sequence[int]) -> np.ndarray:
     return column
 
 
-def noise_at(model: Model, record: Record, dt: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def noise_at(model: Model, record: RecordData, dt: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Q over dt and the variances of R by sensor, at the prior."""
     x, u = jnp.asarray(record.mean), jnp.asarray(record.u[0])
 
@@ -91,13 +91,15 @@ def groups_of(Q: np.ndarray) -> list[tuple[int, ...]]:
     return found
 
 
-def moved(model: Model, record: Record, dt: float) -> np.ndarray:
+def moved(model: Model, record: RecordData, dt: float) -> np.ndarray:
     """The mean of the prior dt later, by the motion alone."""
     own = (jnp.asarray(record.u[0]),) if model.motion_inputs else ()
     return np.asarray(model.motion(jnp.asarray(record.mean), jnp.asarray(dt), *own))
 
 
-def natural_steps(family: Envelope, record: Record, Q: np.ndarray, R: dict[str, np.ndarray], dt: float) -> np.ndarray:
+def natural_steps(
+    family: Envelope, record: RecordData, Q: np.ndarray, R: dict[str, np.ndarray], dt: float
+) -> np.ndarray:
     """What is a small change of each parameter (p,)."""
     spread = np.sqrt(np.diag(record.cov))
     size = {

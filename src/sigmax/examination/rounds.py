@@ -18,9 +18,9 @@ from sigmax.examination.search import (
     score_at,
     shapes,
 )  # fmt: skip
-from sigmax.examination.trials import Outcome, Record, Trial, log_likelihood
 from sigmax.examination.values import copies, flaw
-from sigmax.examination.words import told
+from sigmax.examination.variants import Innovations, RecordData, Variant, log_likelihood
+from sigmax.examination.words import in_words
 
 _ROUNDS, _ALPHA, _TIE = 4, 0.003, 3.0
 _SHAPES = ("tails", "outliers")
@@ -38,7 +38,7 @@ class Accepted(NamedTuple):
 class Rounds:
     """One examination as it goes on."""
 
-    def __init__(self, setup: Setup, record: Record, first: Outcome) -> None:
+    def __init__(self, setup: Setup, record: RecordData, first: Innovations) -> None:
         from scipy.special import chdtri
 
         self.setup, self.record, self.first = setup, record, first
@@ -64,7 +64,7 @@ class Rounds:
             if not found or found[0].gain < self.limit:
                 break
             best, *others = _preferred(found, self.limit)
-            before = _nis_per_value(self.setup.runner([Trial(theta, whole)]), whole)
+            before = _nis_per_value(self.setup.runner([Variant(theta, whole)]), whole)
             if best.kind in _SHAPES:
                 ended.add(("shape", ""))
             ended.add((best.kind, best.where))
@@ -84,7 +84,7 @@ class Rounds:
         last = self._correlated(out, record, bool(flaws or kept))
         return (*flaws, *(a.finding for a in kept), *last), self._undetermined(theta, record), ""
 
-    def _values(self) -> tuple[list[Finding], Record]:
+    def _values(self) -> tuple[list[Finding], RecordData]:
         """Flaws of the values themselves, and the record without them."""
         record, found, at = self.record, list[Finding](), 0
         extra, out = record.extra.copy(), record.out.copy()
@@ -118,7 +118,7 @@ class Rounds:
                 found.append(Finding("copies", s or "rows", *said, twice.size, np.nan, twice.concerned, nis, nis))
         clean = replace(record, extra=extra, out=out)
         if found:
-            after = _nis_per_value(self.setup.runner([Trial(np.zeros(len(self.setup.steps)), clean)]), clean)
+            after = _nis_per_value(self.setup.runner([Variant(np.zeros(len(self.setup.steps)), clean)]), clean)
             found = [replace(f, nis_after=after) for f in found]
         return found, clean
 
@@ -127,7 +127,7 @@ class Rounds:
     ) -> Finding:
         rivals = [(self._said(c), c) for c in others if best.gain - c.gain < max(5.0, 0.1 * abs(best.gain))]
         tied = [(said, c.kind) for said, c in rivals if abs(best.gain - c.gain) < _TIE]
-        cause, size, change = told(best, self._variance(best))
+        cause, size, change = in_words(best, self._variance(best))
         value = best.value[np.argmax(np.abs(best.value))] if best.value.size else np.nan
         std = best.std if best.value.size else np.nan
         return Finding(
@@ -137,7 +137,7 @@ class Rounds:
         )  # fmt: skip
 
     def _said(self, c: Candidate) -> str:
-        cause, size, _ = told(c, self._variance(c))
+        cause, size, _ = in_words(c, self._variance(c))
         return f"{cause}{f', {size}' if size else ''}"
 
     def _variance(self, c: Candidate) -> float | None:
@@ -145,11 +145,13 @@ class Rounds:
         names = [(name, s, j) for s, some in self.setup.names.items() for j, name in enumerate(some)]
         return next((float(self.setup.R[s][j]) for name, s, j in names if name == c.where), None)
 
-    def _needed(self, accepted: list[Accepted], theta: np.ndarray, start: Record, record: Record) -> list[Accepted]:
+    def _needed(
+        self, accepted: list[Accepted], theta: np.ndarray, start: RecordData, record: RecordData
+    ) -> list[Accepted]:
         """The causes without each of which the record is less likely: what only explained another's debris goes."""
         if len(accepted) < 2:
             return accepted
-        trials, owners, owed = [Trial(theta, record)], [], []
+        variants, owners, owed = [Variant(theta, record)], [], []
         for a in accepted:
             c = a.candidate
             if c.theta is None and c.alternative is None:
@@ -158,14 +160,14 @@ class Rounds:
             for other in accepted:
                 if other is not a and other.candidate.alternative is not None:
                     rest = other.candidate.alternative.change(rest)
-            trials.append(Trial(theta if c.theta is None else theta - c.theta, replace(rest, out=record.out)))
+            variants.append(Variant(theta if c.theta is None else theta - c.theta, replace(rest, out=record.out)))
             owners.append(a)
             owed.append(0.0 if c.alternative is None else c.alternative.jacobian)
-        L = log_likelihood(self.setup.runner(trials))
+        L = log_likelihood(self.setup.runner(variants))
         lost = {id(a): L[0] + owed[i] - L[i + 1] for i, a in enumerate(owners)}
         return [a for a in accepted if lost.get(id(a), np.inf) > self.limit]
 
-    def _correlated(self, out: Outcome, record: Record, provisional: bool) -> list[Finding]:
+    def _correlated(self, out: Innovations, record: RecordData, provisional: bool) -> list[Finding]:
         """Whether what remains goes on from one row to the next, which nothing examined explains."""
         r, seen = normalised(out, record)
         found = []
@@ -184,7 +186,7 @@ class Rounds:
                 found.append(replace(one, provisional=provisional))
         return sorted(found, key=lambda f: -f.gain)[:1]
 
-    def _undetermined(self, theta: np.ndarray, record: Record) -> tuple[str, ...]:
+    def _undetermined(self, theta: np.ndarray, record: RecordData) -> tuple[str, ...]:
         """Which noises the record does not tell."""
         _, info = score_at(self.setup, theta, record, np.eye(len(theta)))
         parameters = self.setup.runner.family.parameters
@@ -193,7 +195,7 @@ class Rounds:
         )
 
 
-def _nis_per_value(out: Outcome, record: Record) -> float:
+def _nis_per_value(out: Innovations, record: RecordData) -> float:
     """NIS over the number of values that are not left out."""
     seen = np.concatenate(list(out.seen.values()), 1) & ~record.out
     return float(sum(nis[0].sum() for nis in out.nis().values()) / max(int(seen.sum()), 1))

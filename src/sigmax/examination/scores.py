@@ -2,14 +2,16 @@
 
 import numpy as np
 
-from sigmax.examination.trials import Outcome, cut
+from sigmax.examination.variants import Innovations, cut
 
 
-def scores(outcome: Outcome, steps: np.ndarray, angular: dict[str, tuple[bool, ...]]) -> tuple[np.ndarray, np.ndarray]:
+def scores(
+    outcome: Innovations, steps: np.ndarray, angular: dict[str, tuple[bool, ...]]
+) -> tuple[np.ndarray, np.ndarray]:
     """The gradient of the log-likelihood (q,) and the Fisher information (q, q), by forward differences.
 
     Args:
-        outcome: of 1 + q trials, the first where the gradient is wanted, the others a step away.
+        outcome: of 1 + q variants, the first where the gradient is wanted, the others a step away.
         steps: the q steps.
         angular: which components turn, by sensor.
     """

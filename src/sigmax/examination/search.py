@@ -9,7 +9,7 @@ from sigmax.examination.alternatives import Alternative
 from sigmax.examination.hypotheses import LIMITS, Hypothesis
 from sigmax.examination.scores import scores
 from sigmax.examination.shape import tails
-from sigmax.examination.trials import Outcome, Record, Runner, Trial, log_likelihood
+from sigmax.examination.variants import Innovations, RecordData, Runner, Variant, log_likelihood
 
 # Values farther off than so many robust deviations are left out: in how many rounds, and how large a share at most.
 _FAR, _ROUNDS, _MOST = 4.5, 4, 0.3
@@ -66,7 +66,7 @@ class Setup:
     timed: bool
 
 
-def normalised(outcome: Outcome, record: Record) -> tuple[np.ndarray, np.ndarray]:
+def normalised(outcome: Innovations, record: RecordData) -> tuple[np.ndarray, np.ndarray]:
     """Innovations over their deviations (T, M), as if nothing were left out; and which values are there."""
     S = np.concatenate([np.einsum("tii->ti", v[0]) for v in outcome.S.values()], 1)
     nu = np.concatenate([v[0] for v in outcome.nu.values()], 1)
@@ -74,9 +74,9 @@ def normalised(outcome: Outcome, record: Record) -> tuple[np.ndarray, np.ndarray
     return nu / np.sqrt(np.maximum(S - record.out * record.huge, 1e-12 * S)), seen
 
 
-def masked(setup: Setup, theta: np.ndarray, whole: Record) -> tuple[Record, Outcome]:
+def masked(setup: Setup, theta: np.ndarray, whole: RecordData) -> tuple[RecordData, Innovations]:
     """The record with the values left out that are too far from their predictions, and its run."""
-    record, seen_out = whole, setup.runner([Trial(theta, whole)])
+    record, seen_out = whole, setup.runner([Variant(theta, whole)])
     for _ in range(_ROUNDS):
         r, seen = normalised(seen_out, record)
         seen = seen & ~whole.out
@@ -86,15 +86,15 @@ def masked(setup: Setup, theta: np.ndarray, whole: Record) -> tuple[Record, Outc
         if far.sum() > _MOST * seen.sum() or (whole.out | far == record.out).all():
             break
         record = replace(whole, out=whole.out | far)
-        seen_out = setup.runner([Trial(theta, record)])
+        seen_out = setup.runner([Variant(theta, record)])
     return record, seen_out
 
 
-def score_at(setup: Setup, theta: np.ndarray, record: Record, bases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def score_at(setup: Setup, theta: np.ndarray, record: RecordData, bases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Score and information along the columns of `bases` (p, q)."""
     steps = _FORWARD * np.array([_shortest(setup.steps, b) for b in bases.T])
-    trials = [Trial(theta, record), *(Trial(theta + h * b, record) for h, b in zip(steps, bases.T, strict=True))]
-    return scores(setup.runner(trials), steps, setup.angular)
+    variants = [Variant(theta, record), *(Variant(theta + h * b, record) for h, b in zip(steps, bases.T, strict=True))]
+    return scores(setup.runner(variants), steps, setup.angular)
 
 
 def _shortest(steps: np.ndarray, direction: np.ndarray) -> float:
@@ -102,10 +102,10 @@ def _shortest(steps: np.ndarray, direction: np.ndarray) -> float:
     return float((steps[on] / np.abs(direction[on])).min())
 
 
-def discrete(setup: Setup, theta: np.ndarray, record: Record, some: Sequence[Alternative]) -> list[Candidate]:
+def discrete(setup: Setup, theta: np.ndarray, record: RecordData, some: Sequence[Alternative]) -> list[Candidate]:
     """What changing the record as a whole gains, nothing left out of it."""
-    trials = [Trial(theta, record), *(Trial(theta, a.change(record)) for a in some)]
-    out = setup.runner(trials)
+    variants = [Variant(theta, record), *(Variant(theta, a.change(record)) for a in some)]
+    out = setup.runner(variants)
     L = log_likelihood(out)
     found = []
     for i, a in enumerate(some, 1):
@@ -116,7 +116,7 @@ def discrete(setup: Setup, theta: np.ndarray, record: Record, some: Sequence[Alt
     return found
 
 
-def _plausible(out: Outcome, i: int) -> bool:
+def _plausible(out: Innovations, i: int) -> bool:
     """Whether the median NIS is about what it should be: a longer dt is also a larger Q."""
     from scipy.special import chdtri
 
@@ -127,7 +127,7 @@ def _plausible(out: Outcome, i: int) -> bool:
     return bool(0.4 < np.median(np.concatenate(ratios)) < 2.5)
 
 
-def shapes(setup: Setup, out: Outcome, record: Record, whole: Record) -> list[Candidate]:
+def shapes(setup: Setup, out: Innovations, record: RecordData, whole: RecordData) -> list[Candidate]:
     """Long tails and outliers, component by component."""
     r, seen = normalised(out, record)
     seen, names = seen & ~whole.out, [name for s in record.z for name in setup.names[s]]
@@ -144,7 +144,7 @@ def shapes(setup: Setup, out: Outcome, record: Record, whole: Record) -> list[Ca
 
 
 def continuous(
-    setup: Setup, theta: np.ndarray, record: Record, ended: set[tuple[str, str]]
+    setup: Setup, theta: np.ndarray, record: RecordData, ended: set[tuple[str, str]]
 ) -> tuple[list[Candidate], np.ndarray]:
     """The best directions by their scores, refined; and the information of all parameters."""
     p, T = len(theta), len(record.dt)
@@ -167,7 +167,7 @@ def continuous(
 def refine(
     setup: Setup,
     theta: np.ndarray,
-    record: Record,
+    record: RecordData,
     some: Sequence[Hypothesis],
     g: np.ndarray,
     info: np.ndarray,
@@ -176,7 +176,7 @@ def refine(
     """Gauss–Newton along each hypothesis, all in one batch; steps that do not gain are cut to thirds."""
     if not some:
         return []
-    L0 = float(log_likelihood(setup.runner([Trial(theta, record)]))[0])
+    L0 = float(log_likelihood(setup.runner([Variant(theta, record)]))[0])
     value = [np.zeros(h.basis.shape[1]) for h in some]
     L = np.full(len(some), L0)
     slope = [h.basis.T @ g for h in some]
@@ -188,8 +188,8 @@ def refine(
             limit = LIMITS.get(some[i].kind, np.inf)
             s = np.clip(np.linalg.lstsq(I[i], slope[i], rcond=1e-10)[0], -limit, limit)
             tries += [(i, value[i] + s * c) for c in (1.0, 1 / 3, 1 / 9, 1 / 27)]
-        trials = [Trial(theta + some[i].basis @ v, record) for i, v in tries]
-        now = log_likelihood(setup.runner(trials))
+        variants = [Variant(theta + some[i].basis @ v, record) for i, v in tries]
+        now = log_likelihood(setup.runner(variants))
         gained = set()
         for i in active:
             best = max((k for k, (owner, _) in enumerate(tries) if owner == i), key=lambda k: now[k])

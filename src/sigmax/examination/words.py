@@ -2,34 +2,23 @@
 
 import numpy as np
 
+from sigmax.examination.alternatives import UNITS
 from sigmax.examination.search import Candidate
 from sigmax.views.words import measured
 
-_NAMED = {
-    np.pi / 180: "π/180: degrees where radians are wanted",
-    180 / np.pi: "180/π: radians where degrees are wanted",
-    0.3048: "0.3048: feet where metres are wanted",
-    1 / 0.3048: "1/0.3048: metres where feet are wanted",
-    1852.0: "1852: nautical miles where metres are wanted",
-    1 / 1852.0: "1/1852: metres where nautical miles are wanted",
-    0.5144444444444445: "0.5144: knots where m/s are wanted",
-    3.6: "3.6: m/s where km/h are wanted",
-    1 / 3.6: "1/3.6: km/h where m/s are wanted",
-    1000.0: "1000",
-    1e-3: "1/1000",
-}
+_NAMES = {c: f"{name}: {a} where {b} are wanted" for c, (name, a, b) in UNITS.items()} | {1e3: "1000", 1e-3: "1/1000"}
 
 
 def recognised(log: float, std: float, power: int = 1) -> str:
-    """What a factor eˡᵒᵍ is known by, within three standard errors; empty where nothing is, or anything could be."""
-    for factor, name in _NAMED.items():
+    """What a factor eˡᵒᵍ that mends is known by, within three standard errors; empty where it has no name for sure."""
+    for factor, name in _NAMES.items():
         # Of a factor that is known to a third only, one of these names would fit by chance.
         if abs(log - power * np.log(factor)) < max(3 * std, 1e-3) and std < 0.1:
             return f" ({'the square of ' if power == 2 else ''}{name})"
     return ""
 
 
-def told(c: Candidate, variance: float | None) -> tuple[str, str, str]:
+def in_words(c: Candidate, variance: float | None) -> tuple[str, str, str]:
     """Cause, size and change in words; `variance` is R of the component where it is one."""
     v = float(c.value[np.argmax(np.abs(c.value))]) if c.value.size else 0.0
     if c.alternative is not None:
@@ -38,8 +27,8 @@ def told(c: Candidate, variance: float | None) -> tuple[str, str, str]:
     if c.kind == "bias":
         return f"{c.where} is offset", f"{say} too much", f"subtract {v:.4g} from {c.where}, or estimate it: bias="
     if c.kind == "scale":
-        # A factor below 0 is another sign, and has no name beside it.
-        known = recognised(np.log1p(v), c.std / (1 + v)) if v > -1 else ""
+        # What mends is its inverse. A factor below 0 is another sign, and has no name beside it.
+        known = recognised(-np.log1p(v), c.std / (1 + v)) if v > -1 else ""
         return (
             f"{c.where} is {'too long' if v > 0 else 'too short'} by a factor",
             f"{measured(1 + v, c.std)}{known}",

@@ -16,11 +16,13 @@ import numpy as np
 
 from sigmax.errors import InputError
 
+# What holds no number that is being traced: asked for often, and its leaves take time. Iterators are not to be used up.
+_UNTRACED = (np.ndarray, float, int, Iterator)
+
 
 def is_traced(value: Any) -> bool:
     """Whether a value is being differentiated or compiled, so that its numbers are not known."""
-    # Arrays and numbers hold none, and leaves of these are asked for often.
-    if isinstance(value, np.ndarray | float | int | Iterator):
+    if isinstance(value, _UNTRACED):
         return False
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
 

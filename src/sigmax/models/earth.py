@@ -10,7 +10,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 
-__all__ = ["geocentric", "local", "local_velocity", "of_geocentric", "of_local"]
+__all__ = ["from_ecef", "from_local", "local_velocity", "to_ecef", "to_local"]
 
 # Semi-major axis and flattening: NIMA TR8350.2, table 3.1.
 _A, _F = 6378137.0, 1 / 298.257223563
@@ -21,7 +21,7 @@ _DEEPEST = 6e6
 _FRAMES = {"enu": ([0, 1, 2], [1.0, 1.0, 1.0]), "ned": ([1, 0, 2], [1.0, 1.0, -1.0])}
 
 
-def geocentric(places: Any) -> np.ndarray:
+def to_ecef(places: Any) -> np.ndarray:
     """Coordinates (…, 3), m, from the Earth's centre (ECEF) of places (…, 2) or (…, 3).
 
     Raises:
@@ -36,7 +36,7 @@ def geocentric(places: Any) -> np.ndarray:
     return np.stack([level * np.cos(longitude), level * np.sin(longitude), (normal * (1 - _E2) + height) * s], axis=-1)
 
 
-def of_geocentric(positions: Any) -> np.ndarray:
+def from_ecef(positions: Any) -> np.ndarray:
     """The places (…, 3) of coordinates (…, 3), m, from the Earth's centre; to a few nanometres.
 
     Bowring, "Transformation from spatial to geographical coordinates", Survey Review 23 (1976), iterated.
@@ -63,7 +63,7 @@ def of_geocentric(positions: Any) -> np.ndarray:
     return np.stack([latitude, np.arctan2(y, x), height], axis=-1)
 
 
-def local(places: Any, origin: Any, frame: str = "enu") -> np.ndarray:
+def to_local(places: Any, origin: Any, frame: str = "enu") -> np.ndarray:
     """Positions, m, in the frame whose plane touches the ellipsoid at the origin, or its height above; exact.
 
     Places (…, 3) become east, north, up (…, 3), or north, east, down in the frame "ned". Places (…, 2) are points of
@@ -74,11 +74,11 @@ def local(places: Any, origin: Any, frame: str = "enu") -> np.ndarray:
     """
     places, order, sign = _places(places), *_frame(frame)
     origin = _origin(origin)
-    moved = (geocentric(places) - geocentric(origin)) @ axes(origin[:2]).T
+    moved = (to_ecef(places) - to_ecef(origin)) @ axes(origin[:2]).T
     return (moved[..., order] * sign)[..., : places.shape[-1]]
 
 
-def of_local(positions: Any, origin: Any, frame: str = "enu") -> np.ndarray:
+def from_local(positions: Any, origin: Any, frame: str = "enu") -> np.ndarray:
     """The places (…, 3) of positions (…, 3) in the frame at an origin; those (…, 2) of points of its plane (…, 2).
 
     A point of the plane stands for the point of the ellipsoid below it; where there is none, it is NaN.
@@ -93,15 +93,15 @@ def of_local(positions: Any, origin: Any, frame: str = "enu") -> np.ndarray:
     turn = axes(origin[:2])
     if positions.shape[-1] == 3:
         moved = (positions * sign)[..., order] @ turn
-        return of_geocentric(geocentric(origin) + moved)
+        return from_ecef(to_ecef(origin) + moved)
     moved = positions[..., order[:2]] @ turn[:2]
-    foot, scale, up = geocentric(origin[:2]), np.array([_A, _A, _B]), turn[2] / np.array([_A, _A, _B])
+    foot, scale, up = to_ecef(origin[:2]), np.array([_A, _A, _B]), turn[2] / np.array([_A, _A, _B])
     # How far below the plane the ellipsoid is: (foot + moved + u·up) on it; the plane touches it at the foot.
     away = moved / scale
     a, b, c = up @ up, (foot / scale + away) @ up, (away * away).sum(-1)
     with np.errstate(invalid="ignore"):
         u = -c / (b + np.sqrt(b * b - a * c))
-    return of_geocentric(foot + moved + u[..., None] * turn[2])[..., :2]
+    return from_ecef(foot + moved + u[..., None] * turn[2])[..., :2]
 
 
 def local_velocity(speed: Any, course: Any, places: Any, origin: Any) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.earth import local, local_velocity
+from sigmax.models.earth import local_velocity, to_local
 from sigmax.records.description import Column, LocalPart
 from sigmax.records.table import Table
 from sigmax.records.units import ANGLE, LENGTH, SPEED, quantity, to_si
@@ -29,7 +29,7 @@ def with_local(table: Table, part: LocalPart | None) -> Table:
     latitude, longitude = numbers.values()
     origin = origin_of(part, latitude, longitude)
     places = np.stack([latitude, longitude], axis=-1)
-    place = local(places, origin)
+    place = to_local(places, origin)
     far = distance(latitude, longitude, origin)
     within = FARTHEST if part.within is None else quantity(part.within, LENGTH, "local.within")
     if not 0 < within <= FARTHEST:

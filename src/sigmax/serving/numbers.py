@@ -9,7 +9,7 @@ import numpy as np
 import orjson
 
 from sigmax.errors import InputError
-from sigmax.models.earth import local, local_velocity
+from sigmax.models.earth import local_velocity, to_local
 from sigmax.records.description import Column, LocalPart
 from sigmax.records.local import FARTHEST, POSITION, VELOCITY, distance
 from sigmax.records.units import ANGLE, LENGTH, NUMBER, SPEED, parse_unit, quantity, to_si
@@ -129,7 +129,7 @@ class LocalRows:
         lat, lon, *rest = (values[k : k + 1] for k in range(len(values)))
         far = not distance(lat, lon, self._origin)[0] <= self._within
         places = np.stack([lat, lon], axis=-1)
-        more = dict(zip(POSITION, local(places, self._origin)[0].tolist(), strict=True))
+        more = dict(zip(POSITION, to_local(places, self._origin)[0].tolist(), strict=True))
         if rest:
             speed, course = rest
             velocity = local_velocity(speed, course, places, self._origin)[0]

@@ -17,7 +17,7 @@ _MOST = 2e7
 
 
 @dataclass(frozen=True)
-class Record:
+class RecordData:
     """A record and its prior, which a hypothesis may change.
 
     Attributes:
@@ -42,29 +42,29 @@ class Record:
     huge: np.ndarray
     q_factor: np.ndarray
 
-    def with_values(self, sensor: str, j: int, values: np.ndarray) -> "Record":
+    def with_values(self, sensor: str, j: int, values: np.ndarray) -> "RecordData":
         """Another series of one component."""
         own = self.z[sensor].copy()
         own[:, j] = values
         return replace(self, z=self.z | {sensor: own})
 
 
-class Trial(NamedTuple):
+class Variant(NamedTuple):
     """Parameters (p,) on a record."""
 
     theta: np.ndarray
-    record: Record
+    record: RecordData
 
 
-class Outcome(NamedTuple):
-    """Innovations of B trials: by sensor ν (B, T, m) and S (B, T, m, m); where nothing was seen ν = 0 and S = 1.
+class Innovations(NamedTuple):
+    """Innovations of B variants: by sensor ν (B, T, m) and S (B, T, m, m); where nothing was seen ν = 0 and S = 1.
 
     Attributes:
         nu: innovations.
         S: their covariances.
-        seen: which values were there, by sensor (T, m) of the first trial.
+        seen: which values were there, by sensor (T, m) of the first variant.
         sound: whether no step failed, (B,).
-        first_fault: the fault of the first step that failed, in words, of the first trial; empty where none did.
+        first_fault: the fault of the first step that failed, in words, of the first variant; empty where none did.
     """
 
     nu: dict[str, np.ndarray]
@@ -88,16 +88,16 @@ class Runner:
         kinds = [p.kind for p in family.parameters]
         self.of_prior = [i for i, kind in enumerate(kinds) if kind == "prior"]
 
-    def __call__(self, trials: Sequence[Trial]) -> Outcome:
-        """All trials, in batches that fit the memory."""
-        T = len(trials[0].record.dt)
+    def __call__(self, variants: Sequence[Variant]) -> Innovations:
+        """All variants, in batches that fit the memory."""
+        T = len(variants[0].record.dt)
         width = self.family.given + self.family.driven + len(self.family.parameters) + self.family.measured + 1
         size = max(1, int(_MOST // (T * width)))
-        parts = [self._batch(trials[i : i + size]) for i in range(0, len(trials), size)]
+        parts = [self._batch(variants[i : i + size]) for i in range(0, len(variants), size)]
         if len(parts) == 1:
             return parts[0]
         first = parts[0]
-        return Outcome(
+        return Innovations(
             {s: np.concatenate([p.nu[s] for p in parts]) for s in first.nu},
             {s: np.concatenate([p.S[s] for p in parts]) for s in first.S},
             first.seen,
@@ -105,11 +105,11 @@ class Runner:
             first.first_fault,
         )
 
-    def _batch(self, trials: Sequence[Trial]) -> Outcome:
-        inputs = np.stack([self._inputs(trial) for trial in trials])
-        records = [trial.record for trial in trials]
+    def _batch(self, variants: Sequence[Variant]) -> Innovations:
+        inputs = np.stack([self._inputs(variant) for variant in variants])
+        records = [variant.record for variant in variants]
         mean = np.stack(
-            [r.mean + t.theta[self.of_prior] * np.sqrt(np.diag(r.cov)) for t, r in zip(trials, records, strict=True)]
+            [r.mean + t.theta[self.of_prior] * np.sqrt(np.diag(r.cov)) for t, r in zip(variants, records, strict=True)]
         )
         prior = Gaussian(mean, np.stack([r.cov for r in records]))
         z = {s: np.stack([r.z[s] for r in records]) for s in records[0].z}
@@ -141,16 +141,18 @@ class Runner:
             clean_nu[s] = np.where(heard, v, 0.0)
             clean_S[s] = np.where(both & np.isfinite(np.asarray(S[s])), np.asarray(S[s]), one)
         words = done.faults(1)
-        return Outcome(clean_nu, clean_S, {s: v[0] for s, v in seen.items()}, sound, words[0] if fault[0].any() else "")
+        return Innovations(
+            clean_nu, clean_S, {s: v[0] for s, v in seen.items()}, sound, words[0] if fault[0].any() else ""
+        )
 
-    def _inputs(self, trial: Trial) -> np.ndarray:
+    def _inputs(self, variant: Variant) -> np.ndarray:
         """The inputs of the envelope, (T, K)."""
-        r, k = trial.record, self.family.driven
+        r, k = variant.record, self.family.driven
         T = len(r.dt)
         slope = np.zeros((T, k))
         if k:
             slope[1:] = np.diff(r.u[:, :k], axis=0) / np.maximum(r.dt[1:, None], 1e-12)
-        theta = np.broadcast_to(trial.theta, (T, len(trial.theta)))
+        theta = np.broadcast_to(variant.theta, (T, len(variant.theta)))
         return np.concatenate([r.u, slope, theta, r.extra + r.out * r.huge, r.q_factor[:, None]], 1)
 
 
@@ -159,8 +161,8 @@ def cut(d: Any) -> Any:
     return d + 5.0 * np.sqrt(2.0 * np.maximum(d, 1))
 
 
-def log_likelihood(outcome: Outcome) -> np.ndarray:
-    """Of each trial (B,), Huberised: NIS beyond the cut counts by its root; −inf where a step failed."""
+def log_likelihood(outcome: Innovations) -> np.ndarray:
+    """Of each variant (B,), Huberised: NIS beyond the cut counts by its root; −inf where a step failed."""
     total = np.zeros(len(outcome.sound))
     for s, nis in outcome.nis().items():
         c = cut(outcome.seen[s].sum(-1))
