@@ -54,9 +54,10 @@ class Rounds:
         start = whole
         for _ in range(_ROUNDS):
             some = [a for a in self.some if (a.kind, a.where) not in ended]
-            found = discrete(self.setup, theta, whole, some)
-            record, out = masked(self.setup, theta, whole)
-            if np.isfinite(log_likelihood(out)[0]):
+            (record,), out = masked(self.setup, [Variant(theta, whole)])
+            as_it_stands = float(log_likelihood(out)[0])
+            found = discrete(self.setup, theta, whole, some, as_it_stands)
+            if np.isfinite(as_it_stands):
                 if ("shape", "") not in ended:
                     found += shapes(self.setup, out, record, whole)
                 found += continuous(self.setup, theta, record, ended)[0]
@@ -70,10 +71,10 @@ class Rounds:
             ended.add((best.kind, best.where))
             theta = theta if best.theta is None else theta + best.theta
             whole = whole if best.alternative is None else best.alternative.change(whole)
-            after_record, after = masked(self.setup, theta, whole)
+            (after_record,), after = masked(self.setup, [Variant(theta, whole)])
             nis = before, _nis_per_value(after, after_record)
             accepted.append(Accepted(best, self._finding(best, others, nis, bool(accepted or flaws))))
-        record, out = masked(self.setup, theta, whole)
+        (record,), out = masked(self.setup, [Variant(theta, whole)])
         if not np.isfinite(log_likelihood(out)[0]):
             return (
                 (),
@@ -188,7 +189,7 @@ class Rounds:
 
     def _undetermined(self, theta: np.ndarray, record: RecordData) -> tuple[str, ...]:
         """Which noises the record does not tell."""
-        _, info = score_at(self.setup, theta, record, np.eye(len(theta)))
+        ((_, info),) = score_at(self.setup, [(theta, np.eye(len(theta)))], record)
         parameters = self.setup.runner.family.parameters
         return tuple(
             f"{p.kind} of {p.where}" for i, p in enumerate(parameters) if p.kind in ("R", "Q") and info[i, i] < 1

@@ -14,6 +14,8 @@ from sigmax.examination.variants import Innovations, RecordData, Runner, Variant
 # Values farther off than so many robust deviations are left out: in how many rounds, and how large a share at most.
 _FAR, _ROUNDS, _MOST = 4.5, 4, 0.3
 _FORWARD = 1e-3
+# A reading of the record as a whole costs so much for the choice among them; so many are looked at closely.
+_COST, _READINGS = 2.0, 8
 
 
 @dataclass(frozen=True)
@@ -66,35 +68,60 @@ class Setup:
     timed: bool
 
 
-def normalised(outcome: Innovations, record: RecordData) -> tuple[np.ndarray, np.ndarray]:
-    """Innovations over their deviations (T, M), as if nothing were left out; and which values are there."""
-    S = np.concatenate([np.einsum("tii->ti", v[0]) for v in outcome.S.values()], 1)
-    nu = np.concatenate([v[0] for v in outcome.nu.values()], 1)
+def normalised(outcome: Innovations, record: RecordData, i: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Innovations of variant i over their deviations (T, M), as if nothing were left out; which values are there."""
+    S = np.concatenate([np.einsum("tii->ti", v[i]) for v in outcome.S.values()], 1)
+    nu = np.concatenate([v[i] for v in outcome.nu.values()], 1)
     seen = np.concatenate(list(outcome.seen.values()), 1)
     return nu / np.sqrt(np.maximum(S - record.out * record.huge, 1e-12 * S)), seen
 
 
-def masked(setup: Setup, theta: np.ndarray, whole: RecordData) -> tuple[RecordData, Innovations]:
-    """The record with the values left out that are too far from their predictions, and its run."""
-    record, seen_out = whole, setup.runner([Variant(theta, whole)])
+def masked(setup: Setup, variants: Sequence[Variant]) -> tuple[list[RecordData], Innovations]:
+    """The records with the values left out that are too far from their predictions, and their runs.
+
+    A value that is left out has a Gaussian of variance `huge`: the likelihood of such a run is that of a record with
+    outliers, of which each costs as much however far it is.
+    """
+    records, out = [v.record for v in variants], setup.runner(variants)
+    active = list(range(len(variants)))
     for _ in range(_ROUNDS):
-        r, seen = normalised(seen_out, record)
-        seen = seen & ~whole.out
-        middle = [float(np.median(np.abs(r[on, j]))) if on.sum() > 10 else np.inf for j, on in enumerate(seen.T)]
-        far = (np.abs(r) > _FAR * np.maximum(1.0, 1.4826 * np.array(middle))) & seen
-        far[: setup.burn] = False
-        if far.sum() > _MOST * seen.sum() or (whole.out | far == record.out).all():
+        masks = {i: _far(setup, out, records[i], variants[i].record, i) for i in active}
+        active = [i for i, mask in masks.items() if mask is not None]
+        if not active:
             break
-        record = replace(whole, out=whole.out | far)
-        seen_out = setup.runner([Variant(theta, record)])
-    return record, seen_out
+        for i in active:
+            records[i] = replace(records[i], out=masks[i])
+        out = setup.runner([v._replace(record=r) for v, r in zip(variants, records, strict=True)])
+    return records, out
 
 
-def score_at(setup: Setup, theta: np.ndarray, record: RecordData, bases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Score and information along the columns of `bases` (p, q)."""
-    steps = _FORWARD * np.array([_shortest(setup.steps, b) for b in bases.T])
-    variants = [Variant(theta, record), *(Variant(theta + h * b, record) for h, b in zip(steps, bases.T, strict=True))]
-    return scores(setup.runner(variants), steps, setup.angular)
+def _far(setup: Setup, out: Innovations, record: RecordData, whole: RecordData, i: int) -> np.ndarray | None:
+    """What is to be left out of a record (T, M); None where that is settled, or would be too much."""
+    r, seen = normalised(out, record, i)
+    seen = seen & ~whole.out
+    middle = [float(np.median(np.abs(r[on, j]))) if on.sum() > 10 else np.inf for j, on in enumerate(seen.T)]
+    far = (np.abs(r) > _FAR * np.maximum(1.0, 1.4826 * np.array(middle))) & seen
+    far[: setup.burn] = False
+    settled = far.sum() > _MOST * seen.sum() or (whole.out | far == record.out).all()
+    return None if settled else np.asarray(whole.out | far)
+
+
+def score_at(
+    setup: Setup, points: Sequence[tuple[np.ndarray, np.ndarray]], record: RecordData
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Score and information at each point θ (p,) along the columns of its basis (p, q), all in one batch."""
+    variants, steps = list[Variant](), list[np.ndarray]()
+    for theta, basis in points:
+        steps.append(_FORWARD * np.array([_shortest(setup.steps, b) for b in basis.T]))
+        variants += [
+            Variant(theta, record),
+            *(Variant(theta + h * b, record) for h, b in zip(steps[-1], basis.T, strict=True)),
+        ]
+    out, found, at = setup.runner(variants), list[tuple[np.ndarray, np.ndarray]](), 0
+    for one in steps:
+        found.append(scores(out.some(slice(at, at + 1 + len(one))), one, setup.angular))
+        at += 1 + len(one)
+    return found
 
 
 def _shortest(steps: np.ndarray, direction: np.ndarray) -> float:
@@ -102,18 +129,33 @@ def _shortest(steps: np.ndarray, direction: np.ndarray) -> float:
     return float((steps[on] / np.abs(direction[on])).min())
 
 
-def discrete(setup: Setup, theta: np.ndarray, record: RecordData, some: Sequence[Alternative]) -> list[Candidate]:
-    """What changing the record as a whole gains, nothing left out of it."""
-    variants = [Variant(theta, record), *(Variant(theta, a.change(record)) for a in some)]
-    out = setup.runner(variants)
+def discrete(
+    setup: Setup, theta: np.ndarray, record: RecordData, some: Sequence[Alternative], with_outliers: float
+) -> list[Candidate]:
+    """What changing the record as a whole gains beyond leaving out what is far off.
+
+    `with_outliers` is the log-likelihood of the record as it stands, outliers left out. Without it a smaller unit wins
+    against outliers: it brings them nearer.
+    """
+    out = setup.runner([Variant(theta, record), *(Variant(theta, a.change(record)) for a in some)])
     L = log_likelihood(out)
-    found = []
-    for i, a in enumerate(some, 1):
-        gain = L[i] + a.jacobian - L[0] if np.isfinite(L[0]) else 1e9 + min(L[i] + a.jacobian, 1e8) / 1e3
-        if not np.isfinite(L[i]) or (a.kind == "time units" and not _plausible(out, i)):
-            continue
-        found.append(Candidate(a.kind, a.where, float(gain) - 2.0, np.zeros(0), 0.0, alternative=a))
-    return found
+    fit = [
+        np.isfinite(v) and (a.kind != "time units" or _plausible(out, i))
+        for i, (v, a) in enumerate(zip(L[1:], some, strict=True), 1)
+    ]
+    gains = np.array([v + a.jacobian for v, a in zip(L[1:], some, strict=True)]) - (L[0] if np.isfinite(L[0]) else 0.0)
+    if not np.isfinite(with_outliers):
+        gains = 1e9 + np.minimum(gains, 1e8) / 1e3
+        return [_read(a, float(gains[i])) for i, a in enumerate(some) if fit[i]]
+    pick = [i for i in np.argsort(-gains)[:_READINGS] if fit[i] and gains[i] > _COST]
+    if not pick:
+        return []
+    L = log_likelihood(masked(setup, [Variant(theta, some[i].change(record)) for i in pick])[1])
+    return [_read(some[i], float(v + some[i].jacobian - with_outliers)) for i, v in zip(pick, L, strict=True)]
+
+
+def _read(a: Alternative, gain: float) -> Candidate:
+    return Candidate(a.kind, a.where, gain - _COST, np.zeros(0), 0.0, alternative=a)
 
 
 def _plausible(out: Innovations, i: int) -> bool:
@@ -148,7 +190,7 @@ def continuous(
 ) -> tuple[list[Candidate], np.ndarray]:
     """The best directions by their scores, refined; and the information of all parameters."""
     p, T = len(theta), len(record.dt)
-    g, info = score_at(setup, theta, record, np.eye(p))
+    ((g, info),) = score_at(setup, [(theta, np.eye(p))], record)
     chi: list[tuple[float, Hypothesis]] = []
     for h in setup.hypotheses:
         I, slope = h.basis.T @ info @ h.basis, h.basis.T @ g
@@ -199,9 +241,9 @@ def refine(
         active = [i for i in active if i in gained and some[i].basis.shape[1] == 1]
         if not active:
             break
-        for i in active:
-            at = theta + some[i].basis @ value[i]
-            slope[i], I[i] = score_at(setup, at, record, some[i].basis)
+        points = [(theta + some[i].basis @ value[i], some[i].basis) for i in active]
+        for i, at in zip(active, score_at(setup, points, record), strict=True):
+            slope[i], I[i] = at
     return [
         Candidate(h.kind, h.where, float(L[i] - L0), value[i], float(1 / np.sqrt(max(I[i][0, 0], 1e-300))),
                   theta=h.basis @ value[i])

@@ -73,6 +73,11 @@ class Innovations(NamedTuple):
     sound: np.ndarray
     first_fault: str
 
+    def some(self, which: slice) -> "Innovations":
+        """Of some of the variants."""
+        nu, S = ({s: a[which] for s, a in arrays.items()} for arrays in (self.nu, self.S))
+        return self._replace(nu=nu, S=S, sound=self.sound[which])
+
     def nis(self) -> dict[str, np.ndarray]:
         """ν' S⁻¹ ν by sensor, (B, T)."""
         return {
