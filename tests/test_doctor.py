@@ -3,6 +3,7 @@
 import json
 import re
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -121,6 +122,61 @@ def test_an_offset_between_two_sensors_has_its_size_and_either_may_have_it():
     assert abs(signed - 0.6) < 3 * found.std
     assert any("offset" in other or "factor" in other for other in found.either)
     assert not sigmax.doctor(*two_gauges(1)).findings
+
+
+def driven(seed, late=0.0, turned=0.0):
+    """A body whose acceleration is known; its own positions and those of another sensor, which sees the past."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(T)
+    u = np.column_stack([0.4 * np.sin(t / 9), 0.3 * np.cos(t / 14)])
+    c, s = np.cos(turned), np.sin(turned)
+    x, states = np.array([0.0, 0.0, 1.0, 0.0]) + rng.normal(size=4) * [1, 1, 0.2, 0.2], []
+    for k in range(T):
+        x = np.concatenate([x[:2] + x[2:] + u[k] / 2, x[2:] + u[k]]) + rng.normal(size=4) * [0.01, 0.01, 0.03, 0.03]
+        states.append(x)
+    states = np.array(states)
+    z = {"own": states[:, :2] + 0.5 * rng.normal(size=(T, 2))}
+    z["other"] = states[:, :2] - late * states[:, 2:] + 0.7 * rng.normal(size=(T, 2))
+    motion = lambda x, dt, u: jnp.concatenate([x[:2] + dt * x[2:] + dt * dt / 2 * u, x[2:] + dt * u])  # noqa: E731
+    model = sigmax.Model(
+        motion=motion, Q=[1e-4, 1e-4, 9e-4, 9e-4], sensor={"own": lambda x: x[:2], "other": lambda x: x[:2]},
+        R={"own": [0.25] * 2, "other": [0.49] * 2}, state=("x", "y", "vx", "vy"),
+    )  # fmt: skip
+    prior = sigmax.Gaussian([0.0, 0.0, 1.0, 0.0], [1.0, 1.0, 0.04, 0.04])
+    return model, prior, z, u @ np.array([[c, s], [-s, c]])
+
+
+def test_times_and_axes_have_their_size():
+    model, prior, z, u = driven(1)
+    assert not sigmax.doctor(model, prior, z, inputs=u).findings
+    model, prior, z, u = driven(2, late=0.3)
+    found = sigmax.doctor(model, prior, z, inputs=u).findings[0]
+    assert found.kind == "delay"
+    assert abs((found.value if found.where == "other" else -found.value) - 0.3) < 3 * found.std < 0.1
+    model, prior, z, u = driven(3, turned=0.2)
+    found = sigmax.doctor(model, prior, z, inputs=u).findings[0]
+    assert found.kind == "input rotation"
+    assert abs(found.value + 0.2) < 3 * found.std < 0.1
+    model, prior, z, u = driven(4)
+    assert sigmax.doctor(model, prior, z, inputs=u[:, ::-1]).findings[0].kind == "swap"
+    model, prior, z, u = driven(5)
+    turn = np.array([[np.cos(0.05), np.sin(0.05)], [-np.sin(0.05), np.cos(0.05)]])
+    found = sigmax.doctor(model, prior, z | {"other": z["other"] @ turn}, inputs=u).findings[0]
+    assert found.kind == "rotation"
+    assert abs(abs(found.value) - 0.05) < 3 * found.std < 0.02
+
+
+@pytest.mark.parametrize("share", [0.05, 0.15])
+def test_outliers_are_no_other_unit(share):
+    """A smaller unit brings outliers nearer, and positions at constant velocity have no unit of their own."""
+    rng = np.random.default_rng(1)
+    v = np.array([10, -5]) + np.cumsum(0.4 * rng.normal(size=(T, 2)), 0)
+    z = np.cumsum(v, 0) + 5 * rng.normal(size=(T, 2))
+    z[:, 0] += 50 * (rng.random(T) < share) * rng.normal(size=T)
+    flight = sigmax.motions.constant_velocity()
+    model = sigmax.Model(motion=flight, Q=flight.noise(0.16), sensor=sigmax.sensors.position(), R=[25.0, 25.0])
+    prior = sigmax.Gaussian([0.0, 0.0, 10.0, -5.0], [100.0, 100.0, 9.0, 9.0])
+    assert sigmax.doctor(model, prior, z).findings[0].kind == "outliers"
 
 
 def test_what_is_too_short_is_not_examined():

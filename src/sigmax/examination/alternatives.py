@@ -141,6 +141,20 @@ def _of_inputs(family: Envelope) -> Iterator[Alternative]:
         )
         for kind, c, cause, mend in changes:
             yield Alternative(kind, name, cause, mend, _input(i, c))
+    for p in family.parameters:
+        if p.kind == "input rotation":
+            yield _exchanged(p.where, p.at)
+
+
+def _exchanged(where: str, at: tuple[int, ...]) -> Alternative:
+    def change(r: RecordData) -> RecordData:
+        u = r.u.copy()
+        u[:, list(at)] = u[:, list(reversed(at))]
+        return replace(r, u=u)
+
+    return Alternative(
+        "swap", where, f"{' and '.join(where.split(', '))} stand in each other's place", "exchange them", change
+    )
 
 
 def _affine(s: str, j: int, c: float, offset: float) -> Callable[[RecordData], RecordData]:

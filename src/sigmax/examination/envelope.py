@@ -17,7 +17,7 @@ class Parameter:
 
     Attributes:
         kind: "bias", "scale", "R", "Q", "drift", "delay", "rotation", "input offset", "input gain", "input delay",
-            "clock" or "prior".
+            "input rotation", "clock" or "prior".
         where: the component, sensor or input that it belongs to.
         at: its place there: of the component in the sensor, of the state, of the input; of Q the components of a group.
         sensor: the sensor it belongs to, None for what is not of one.
@@ -55,9 +55,23 @@ class Envelope:
 
 
 def parameters_of(
-    model: Model, sizes: dict[str, int], driven: int, groups: list[tuple[int, ...]], returns: bool
+    model: Model,
+    sizes: dict[str, int],
+    driven: int,
+    groups: list[tuple[int, ...]],
+    axes: list[tuple[int, int]],
+    returns: bool,
 ) -> tuple[Parameter, ...]:
-    """The parameters of a model: of Q one for each group of components, of delays only where the motion can go back."""
+    """The parameters of a model.
+
+    Args:
+        model: the model.
+        sizes: how many numbers each sensor has.
+        driven: how many inputs the user has.
+        groups: components of the motion's noise that hang together.
+        axes: pairs of inputs that are components of one vector.
+        returns: whether the motion can go back, without which there are no delays.
+    """
     found: list[Parameter] = []
     for s, m in sizes.items():
         names, angular = component_names(model, s, m), model.measured_angular(s, m)
@@ -75,6 +89,7 @@ def parameters_of(
     inputs = input_names(model, driven)
     for kind in ("input offset", "input gain"):
         found += [Parameter(kind, name, (i,)) for i, name in enumerate(inputs)]
+    found += [Parameter("input rotation", f"{inputs[i]}, {inputs[j]}", (i, j)) for i, j in axes]
     found += [Parameter("input delay", "inputs")] if driven and model.motion_inputs else []
     return (*found, Parameter("clock", "dt"))
 
@@ -132,7 +147,7 @@ class _Places:
         return None
 
     def inputs(self, u: Any, delayed: bool = False) -> Any:
-        """The inputs of the model: offset, stretched, and of the motion late."""
+        """The inputs of the model: offset, stretched, turned, and of the motion late."""
         if not self.given:
             return u[:0]
         parts = []
@@ -143,7 +158,13 @@ class _Places:
                 late = self.value(u, "input delay") if delayed else None
                 value = value if late is None else value - late * u[self.given + i]
             parts.append(value)
+        for i, j in (p.at for p in self.parameters if p.kind == "input rotation"):
+            parts[i], parts[j] = _turned(parts[i], parts[j], self.value(u, "input rotation", (i, j)))
         return jnp.stack(parts)
+
+
+def _turned(a: Any, b: Any, angle: Any) -> tuple[Any, Any]:
+    return jnp.cos(angle) * a - jnp.sin(angle) * b, jnp.sin(angle) * a + jnp.cos(angle) * b
 
 
 def _motion(model: Model, at: _Places) -> Callable[..., Any]:
@@ -185,8 +206,7 @@ def _sensor(model: Model, s: str, m: int, at: _Places) -> Callable[..., Any]:
         for j in range(m - 1):
             turn = at.value(u, "rotation", (j, j + 1), s)
             if turn is not None:
-                a, b = parts[j], parts[j + 1]
-                parts[j : j + 2] = [jnp.cos(turn) * a - jnp.sin(turn) * b, jnp.sin(turn) * a + jnp.cos(turn) * b]
+                parts[j], parts[j + 1] = _turned(parts[j], parts[j + 1], turn)
         for j in range(m):
             scale = at.value(u, "scale", (j,), s)
             parts[j] = (parts[j] if scale is None else parts[j] * (1 + scale)) + at.value(u, "bias", (j,), s)

@@ -8,7 +8,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.examination.envelope import component_names, envelope, parameters_of
-from sigmax.examination.hypotheses import groups_of, hypotheses, moved, natural_steps, noise_at
+from sigmax.examination.hypotheses import axes_of, groups_of, hypotheses, moved, natural_steps, noise_at
 from sigmax.examination.report import Examination, Finding
 from sigmax.examination.rounds import Rounds
 from sigmax.examination.search import Setup
@@ -108,7 +108,7 @@ def _laid_out(ready: Prepared, update_first: bool) -> tuple[RecordData, Setup]:
     Q, R = noise_at(model, record, dt)
     at_rest = np.allclose(moved(model, record, 0.0), record.mean, rtol=1e-9, atol=1e-12)
     back = bool(at_rest and np.isfinite(moved(model, record, -dt)).all())
-    parameters = parameters_of(model, sizes, driven, groups_of(Q), back)
+    parameters = parameters_of(model, sizes, driven, groups_of(Q), axes_of(model, record, dt, driven), back)
     family = envelope(model, parameters, u.shape[1], driven, tuple(sizes.items()))
     spread = {s: np.where(v > 0, v, np.nanvar(ready.z[s], axis=0) + 1e-12) for s, v in R.items()}
     record = replace(record, huge=1e8 * np.concatenate([spread[s] for s in sizes]))

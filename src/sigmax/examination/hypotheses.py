@@ -14,7 +14,7 @@ from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of
 
 # The longest step of one iteration, by kind: of logarithms and ratios.
-LIMITS = {"Q": 1.5, "R": 1.5, "scale": 0.3, "input gain": 0.5, "rotation": 0.5, "clock": 0.3}
+LIMITS = {"Q": 1.5, "R": 1.5, "scale": 0.3, "input gain": 0.5, "rotation": 0.5, "input rotation": 0.5, "clock": 0.3}
 
 
 @dataclass(frozen=True)
@@ -91,9 +91,24 @@ def groups_of(Q: np.ndarray) -> list[tuple[int, ...]]:
     return found
 
 
-def moved(model: Model, record: RecordData, dt: float) -> np.ndarray:
-    """The mean of the prior dt later, by the motion alone."""
-    own = (jnp.asarray(record.u[0]),) if model.motion_inputs else ()
+def axes_of(model: Model, record: RecordData, dt: float, driven: int) -> list[tuple[int, int]]:
+    """Neighbouring inputs that are components of one vector: equal effects on the state, at right angles."""
+    if not model.motion_inputs:
+        return []
+    angular = np.asarray(model.angular)
+    before = moved(model, record, dt)
+    effect = np.array([moved(model, record, dt, np.eye(record.u.shape[1])[i]) - before for i in range(driven)])
+
+    def alike(a: np.ndarray, b: np.ndarray) -> bool:
+        parts = [(np.linalg.norm(a[on]), np.linalg.norm(b[on])) for on in (angular, ~angular)]
+        return all(abs(x - y) <= 0.01 * max(x, y) for x, y in parts) and bool(abs(a @ b) < 0.01 * (a @ a))
+
+    return [(i, i + 1) for i in range(driven - 1) if alike(effect[i], effect[i + 1])]
+
+
+def moved(model: Model, record: RecordData, dt: float, more: Any = 0.0) -> np.ndarray:
+    """The mean of the prior dt later, by the motion alone, with so much more of the first inputs."""
+    own = (jnp.asarray(record.u[0] + more),) if model.motion_inputs else ()
     return np.asarray(model.motion(jnp.asarray(record.mean), jnp.asarray(dt), *own))
 
 
@@ -103,8 +118,8 @@ def natural_steps(
     """What is a small change of each parameter (p,)."""
     spread = np.sqrt(np.diag(record.cov))
     size = {
-        "scale": 0.01, "R": 0.1, "Q": 0.1, "rotation": 0.01, "prior": 0.1, "input gain": 0.01, "clock": 0.001,
-        "delay": 0.1 * dt, "input delay": 0.1 * dt,
+        "scale": 0.01, "R": 0.1, "Q": 0.1, "rotation": 0.01, "input rotation": 0.01, "prior": 0.1, "input gain": 0.01,
+        "clock": 0.001, "delay": 0.1 * dt, "input delay": 0.1 * dt,
     }  # fmt: skip
 
     def step(p: Parameter) -> float:

@@ -85,12 +85,12 @@ def masked(setup: Setup, variants: Sequence[Variant]) -> tuple[list[RecordData],
     records, out = [v.record for v in variants], setup.runner(variants)
     active = list(range(len(variants)))
     for _ in range(_ROUNDS):
-        masks = {i: _far(setup, out, records[i], variants[i].record, i) for i in active}
-        active = [i for i, mask in masks.items() if mask is not None]
-        if not active:
+        found = {i: _far(setup, out, records[i], variants[i].record, i) for i in active}
+        masks = {i: mask for i, mask in found.items() if mask is not None}
+        if not masks:
             break
-        for i in active:
-            records[i] = replace(records[i], out=masks[i])
+        active = list(masks)
+        records = [replace(r, out=masks[i]) if i in masks else r for i, r in enumerate(records)]
         out = setup.runner([v._replace(record=r) for v, r in zip(variants, records, strict=True)])
     return records, out
 

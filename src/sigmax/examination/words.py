@@ -73,6 +73,11 @@ def _other(c: Candidate, v: float, say: str) -> tuple[str, str, str]:
             "move the mean, or start from the measurements: sigmax.start",
         ),
         "rotation": (f"{c.where} are turned against the axes", f"{say} rad", f"turn them back by {-v:.4g} rad"),
+        "input rotation": (
+            f"{c.where} are turned against the axes of the motion",
+            f"{measured(-v, c.std)} rad",
+            f"turn them by {v:.4g} rad",
+        ),
         "delay": (
             f"{c.where} is {ahead} against the others",
             f"{measured(abs(v), c.std)} s",
