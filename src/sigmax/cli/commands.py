@@ -73,6 +73,10 @@ def doctor_command(
         typer.Option("--track", help="Examine this track alone; may be repeated.", show_default=False),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the examinations of all tracks as JSON.")] = False,
+    write: Annotated[
+        bool,
+        typer.Option("--write", help="Leave a corrected description, NAME-corrected.toml, beside that of the record."),
+    ] = False,
 ) -> None:
     """Say what is wrong with the model of a record: causes with evidence, size, remedy and proof.
 
@@ -83,7 +87,7 @@ def doctor_command(
     say_on_signal("the examination was not finished")
     from sigmax.cli.doctor import examine_record
 
-    examine_record(record, filter, track or [], as_json)
+    examine_record(record, filter, track or [], as_json, write)
 
 
 def serve_command(

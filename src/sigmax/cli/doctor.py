@@ -1,7 +1,9 @@
 """`sigmax doctor`."""
 
 import json
+import shlex
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -13,10 +15,14 @@ from sigmax.examination import Examination, doctor
 from sigmax.filters import Filter
 from sigmax.models import Gaussian, Model
 from sigmax.records import Record, load, load_plots, parse_trial
+from sigmax.records.correct import correct
+
+# The first words of a description that was corrected; only such a file is written over.
+_MARK = "# Corrected by sigmax doctor from"
 
 
-def examine_record(name: str, filter: str | None, tracks: Sequence[str], as_json: bool) -> None:
-    """Examine each track of a record, or some, and print what was found.
+def examine_record(name: str, filter: str | None, tracks: Sequence[str], as_json: bool, write: bool) -> None:
+    """Examine each track of a record, or some, and print what was found; write the description without it if wished.
 
     Raises:
         InputError: for plots, which belong to no track yet, and whatever `sigmax.doctor` refuses.
@@ -27,6 +33,7 @@ def examine_record(name: str, filter: str | None, tracks: Sequence[str], as_json
         if load_plots(name, None) is not None:
             raise InputError(f"{name} holds plots: the doctor examines records whose measurements belong to a track")
         record = load(name)
+    target = _target(name) if write else None
     trial = record.trials[0] if filter is None else parse_trial(filter)
     judge, model, prior = record.told(trial)
     for track in tracks:
@@ -46,9 +53,46 @@ def examine_record(name: str, filter: str | None, tracks: Sequence[str], as_json
         for track, one in found.items():
             title = record.title if len(record.tracks) == 1 else f"{record.title}: {track}"
             console.print(f"[bold]{escape(title)}[/]\n{escape(repr(one))}", highlight=False, soft_wrap=True)
+    if target is not None:
+        _write(Path(name), target, found, errors)
     statuses = {one.status for one in found.values()}
     # One track that can be examined is enough for an answer.
     raise SystemExit(1 if 1 in statuses else 0 if 0 in statuses else 2)
+
+
+def _target(name: str) -> Path:
+    """Where the corrected description goes.
+
+    Raises:
+        InputError: for a record without a description, and where something else stands there.
+    """
+    path = Path(name)
+    if path.suffix.casefold() != ".toml":
+        raise InputError(f"--write corrects a description in TOML; {name} is built in and has none")
+    target = path.with_name(f"{path.stem}-corrected{path.suffix}")
+    if target.exists() and not target.read_text(encoding="utf-8", errors="replace").startswith(_MARK):
+        raise InputError(f"{target} was not written by sigmax doctor: move it away")
+    return target
+
+
+def _write(path: Path, target: Path, found: dict[str, Examination], errors: Console) -> None:
+    """The description without what was found in one track, and what is to be done by hand, to standard error."""
+    ill = [track for track, one in found.items() if one.findings]
+    if not ill:
+        errors.print("nothing to correct: no file was written", highlight=False)
+        return
+    if len(ill) > 1:
+        raise InputError(f"--write: the tracks {', '.join(ill)} have findings of their own: choose one by --track")
+    correction = correct(path, found[ill[0]].findings)
+    if correction.changed:
+        target.write_text(f"{_MARK} {path.name}; what was changed says so.\n{correction.text}", encoding="utf-8")
+        load(str(target))
+        again = shlex.join(["sigmax", "doctor", str(target)])
+        errors.print(escape(f"written: {target}; examine it: {again}"), highlight=False, soft_wrap=True)
+    else:
+        errors.print("no file was written", highlight=False)
+    for sentence in correction.left:
+        errors.print(escape(sentence), highlight=False, soft_wrap=True)
 
 
 def _examined(record: Record, i: int, judge: Filter, model: Model, prior: Gaussian) -> Examination:

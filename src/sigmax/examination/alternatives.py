@@ -40,6 +40,7 @@ class Alternative:
         mend: what to do.
         change: of the record.
         jacobian: added to the log-likelihood of changed values, which is that of the values as they came.
+        factor: what the values are multiplied by; 0 where they are changed in another way.
     """
 
     kind: str
@@ -48,6 +49,7 @@ class Alternative:
     mend: str
     change: Callable[[RecordData], RecordData]
     jacobian: float = 0.0
+    factor: float = 0.0
 
 
 def alternatives(family: Envelope, record: RecordData, timed: bool) -> list[Alternative]:
@@ -65,6 +67,7 @@ def alternatives(family: Envelope, record: RecordData, timed: bool) -> list[Alte
                 f"the prior is surer than it has a right to be (its covariance times {c:g} fits)",
                 f"multiply the prior's covariance by {c:g}, or start from the measurements: sigmax.start",
                 lambda r, c=c: replace(r, cov=r.cov * c),  # type: ignore[misc]
+                factor=c,
             )
         )
     return found
@@ -72,7 +75,7 @@ def alternatives(family: Envelope, record: RecordData, timed: bool) -> list[Alte
 
 def _time(c: float, cause: str) -> Alternative:
     return Alternative(
-        "time units", f"dt × {c:.4g}", cause, f"multiply dt by {c:.4g}", lambda r: replace(r, dt=r.dt * c)
+        "time units", f"dt × {c:.4g}", cause, f"multiply dt by {c:.4g}", lambda r: replace(r, dt=r.dt * c), factor=c
     )
 
 
@@ -92,6 +95,7 @@ def _of_measurements(family: Envelope, record: RecordData) -> Iterator[Alternati
                         f"multiply {name} by {c:.4g}",
                         _affine(s, j, c, 0.0),
                         count * np.log(c),
+                        c,
                     )
             yield Alternative("sign", name, f"{name} has the wrong sign", f"take −{name}", _affine(s, j, -1.0, 0.0))
         for i, j in combinations(range(m), 2):
@@ -113,6 +117,7 @@ def _of_angle(s: str, j: int, name: str, count: int) -> Iterator[Alternative]:
         f"multiply {name} by π/180",
         _affine(s, j, deg, 0.0),
         count * np.log(deg),
+        deg,
     )
     for turn, said in ((np.pi, "180°"), (np.pi / 2, "−90°"), (-np.pi / 2, "90°")):
         yield Alternative(
@@ -140,7 +145,7 @@ def _of_inputs(family: Envelope) -> Iterator[Alternative]:
             ("units", 1e-3, f"{name} is {FACTORS[1e-3]}", f"multiply {name} by 0.001"),
         )
         for kind, c, cause, mend in changes:
-            yield Alternative(kind, name, cause, mend, _input(i, c))
+            yield Alternative(kind, name, cause, mend, _input(i, c), factor=0.0 if kind == "sign" else c)
     for p in family.parameters:
         if p.kind == "input rotation":
             yield _exchanged(p.where, p.at)

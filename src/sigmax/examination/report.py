@@ -23,6 +23,8 @@ class Finding:
         either_kinds: of what kind these are.
         rivals: causes that explain it less well, and by how much.
         provisional: whether it was found after another one, whose debris it may be.
+        factor: by which values, times or the prior's covariance are to be multiplied, where it has a name or the cause
+            is another reading of them; else 0.
     """
 
     kind: str
@@ -39,6 +41,7 @@ class Finding:
     either_kinds: tuple[str, ...] = ()
     rivals: tuple[tuple[str, float], ...] = ()
     provisional: bool = False
+    factor: float = 0.0
 
 
 @dataclass(frozen=True, repr=False)

@@ -20,7 +20,7 @@ from sigmax.examination.search import (
 )  # fmt: skip
 from sigmax.examination.values import copies, flaw
 from sigmax.examination.variants import Innovations, RecordData, Variant, log_likelihood
-from sigmax.examination.words import in_words
+from sigmax.examination.words import factor_of, in_words
 
 _ROUNDS, _ALPHA, _TIE = 4, 0.003, 3.0
 _SHAPES = ("tails", "outliers")
@@ -135,6 +135,7 @@ class Rounds:
             best.kind, best.where, cause, size, change, float(value), float(std), best.gain,
             *nis, tuple(said for said, _ in tied), tuple(kind for _, kind in tied),
             tuple((said, best.gain - c.gain) for said, c in rivals if best.gain - c.gain >= _TIE), provisional,
+            factor_of(best),
         )  # fmt: skip
 
     def _said(self, c: Candidate) -> str:

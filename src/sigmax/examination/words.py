@@ -9,13 +9,27 @@ from sigmax.views.words import measured
 _NAMES = {c: f"{name}: {a} where {b} are wanted" for c, (name, a, b) in UNITS.items()} | {1e3: "1000", 1e-3: "1/1000"}
 
 
+def known_factor(log: float, std: float, power: int = 1) -> float:
+    """The factor with a name whose power eˡᵒᵍ is, within three standard errors; 0 where it has none for sure."""
+    # Of a factor that is known to a third only, one of these names would fit by chance.
+    near = (c for c in _NAMES if abs(log - power * np.log(c)) < max(3 * std, 1e-3) and std < 0.1)
+    return next(near, 0.0)
+
+
 def recognised(log: float, std: float, power: int = 1) -> str:
-    """What a factor eˡᵒᵍ that mends is known by, within three standard errors; empty where it has no name for sure."""
-    for factor, name in _NAMES.items():
-        # Of a factor that is known to a third only, one of these names would fit by chance.
-        if abs(log - power * np.log(factor)) < max(3 * std, 1e-3) and std < 0.1:
-            return f" ({'the square of ' if power == 2 else ''}{name})"
-    return ""
+    """What a factor eˡᵒᵍ that mends is known by; empty where it has no name for sure."""
+    factor = known_factor(log, std, power)
+    return f" ({'the square of ' if power == 2 else ''}{_NAMES[factor]})" if factor else ""
+
+
+def factor_of(c: Candidate) -> float:
+    """What values are to be multiplied by, where it has a name or the cause is another reading of them; else 0."""
+    if c.alternative is not None:
+        return c.alternative.factor
+    v = float(c.value[0]) if c.value.size else -1.0
+    if v <= -1 or c.kind not in ("scale", "input gain"):
+        return 0.0
+    return known_factor(-np.log1p(v) if c.kind == "scale" else np.log1p(v), c.std / (1 + v))
 
 
 def in_words(c: Candidate, variance: float | None) -> tuple[str, str, str]:

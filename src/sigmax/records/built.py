@@ -22,6 +22,12 @@ class Input(NamedTuple):
     where: str
     deviation: bool = False
 
+    @property
+    def name(self) -> str:
+        """What it is called, its sensor in front where it has one."""
+        own = self.where.rpartition(".")[2]
+        return own if self.sensor is None else f"{self.sensor}.{own}"
+
 
 class Built(NamedTuple):
     """A model with what the edges know of it."""

@@ -92,6 +92,7 @@ def _of_one_mode(description: Description, motion: list[MotionPart], where: str,
         )
     except InputError as error:
         raise InputError(_renamed(str(error), where)) from error
+    model.inputs = tuple(item.name for item in inputs) or None
     return Built(model, moving.dimensions, tuple(state.index(n) for n in names), sensings, tuple(inputs), biased)
 
 

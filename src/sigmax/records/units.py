@@ -125,6 +125,29 @@ def to_si(unit: str, dimension: Dimension, where: str) -> float:
     return factor
 
 
+def unit_of(factor: float, dimension: Dimension) -> str | None:
+    """The unit of a dimension whose factor to SI this is; None where there is none."""
+    lengths, times = ([u for u, (_, d) in _UNITS.items() if d == one] for one in (LENGTH, TIME))
+    speeds = [f"{a}/{b}" for a in lengths for b in times] if dimension == SPEED else []
+    rates = [f"{a}/{b}" for a in ("rad", "deg") for b in times] if dimension == TURN_RATE else []
+    for unit in [*(u for u, (_, d) in _UNITS.items() if d == dimension), *speeds, *rates]:
+        if math.isclose(parse_unit(unit, unit)[0], factor, rel_tol=1e-6):
+            return unit
+    return None
+
+
+def parts_of_quantity(given: str) -> tuple[float, str]:
+    """Number and unit of a text such as "50 m".
+
+    Raises:
+        InputError: where it is something else.
+    """
+    match = _QUANTITY.fullmatch(given)
+    if match is None:
+        raise InputError(f"{given!r} is not a number with a unit")
+    return float(match[1]), match[2]
+
+
 def quantity(given: Any, dimension: Dimension, where: str) -> float:
     """A number in SI from 50, "50", "50 m" or "0.05 km".
 
