@@ -5,7 +5,8 @@ of the tables "set on"; those of "scored" are other models with other seeds, and
 
 A record may not tell of a fault: positions that are all too far east by 5 m say nothing where nothing else is known.
 So each fault is judged by one who knows it, its place and its size: the log-likelihood of model and record without
-the fault, less that with it. Where that is below LIMIT the fault counts as untold, and is not among those to be found.
+the fault, less that with it; of long tails, what their density gains over a Gaussian of any width. Where that is
+below LIMIT the fault counts as untold, and is not among those to be found.
 """
 
 import argparse
@@ -53,7 +54,7 @@ def likelihood(world: World, z: dict[str, np.ndarray]) -> float:
 def tells(case: Faulty) -> bool:
     """Whether the record tells the fault to one who knows it."""
     if case.right is None:
-        return True
+        return case.tails > LIMIT
     wrong = likelihood(case.world, case.z)
     return not np.isfinite(wrong) or likelihood(*case.right) - case.jacobian - wrong > LIMIT
 
