@@ -10,6 +10,10 @@ import pytest
 # A defect of the lowering, which users see as a line of warning and XLA, is an error here.
 os.environ["SIGMAX_DEFECTS"] = "raise"
 
+# XLA computes the same whatever it does to be quick about it, and takes twice as long to compile as tests take to run;
+# `tests/native/test_engine.py` has it as users have it.
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+
 # Compiling makes the first example slow; what matters here is what is computed.
 hypothesis.settings.register_profile("sigmax", deadline=None, max_examples=60, derandomize=True)
 hypothesis.settings.load_profile("sigmax")

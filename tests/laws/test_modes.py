@@ -93,7 +93,7 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("backend", ["native", "xla"])
+@pytest.mark.parametrize("backend", ENGINES)
 @pytest.mark.parametrize(("change", "filter"), list(zip(CHANGES, ("SRCKFB", "KF", "EIF"), strict=True)))
 def test_it_is_the_filter_of_the_textbook(change, filter, backend):
     given, P = CHANGES[change]
@@ -146,7 +146,7 @@ def plots(tracks=2, steps=25):
 
 
 @pytest.mark.parametrize(
-    "filter", ["EKF", "SRCKFB", "UIF", "SRPFB", pytest.param("TSHCIF", marks=pytest.mark.slow), "IEKF"]
+    "filter", ["EKF", "SRCKFB", "UIF", *(pytest.param(f, marks=pytest.mark.slow) for f in ("SRPFB", "TSHCIF", "IEKF"))]
 )
 @pytest.mark.parametrize("backend", ENGINES)
 def test_modes_alike_are_the_one_filter(filter, backend):

@@ -110,7 +110,7 @@ def test_about_its_base_a_difference_is_the_identity_and_straight(space):
 
     at = jnp.zeros(space.dim)
     np.testing.assert_allclose(jax.jacfwd(moved)(at), np.eye(space.dim), atol=5e-16)
-    np.testing.assert_allclose(jax.hessian(moved)(at), 0, atol=1e-15)
+    np.testing.assert_allclose(jax.jit(jax.hessian(moved))(at), 0, atol=1e-15)
 
 
 @EACH
@@ -259,7 +259,7 @@ def test_numpy_jax_and_c_agree(space):
     constants, native = step.setup(np.zeros(1)), np.empty((len(rows), out.size))
     job = Rows(step.address, pointer(constants), series(rows, 1, True, False), out.size, pointer(native))
     over_cores(driver(False)["rows"], job, len(rows), False)
-    by_jax = np.asarray(jax.vmap(flat)(jnp.asarray(rows)))
+    by_jax = np.asarray(jax.jit(jax.vmap(flat))(jnp.asarray(rows)))
     by_numpy = np.concatenate([a.reshape(-1, 40) for a in each(x, y, d, M)]).T
     assert np.isfinite(native).all()
     np.testing.assert_allclose(native, by_jax, atol=2e-14)

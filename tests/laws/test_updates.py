@@ -102,7 +102,7 @@ def iekf(sensor, R, mean, P, z, turns, times):
     return x, posterior
 
 
-@pytest.mark.parametrize("times", [1, 3])
+@pytest.mark.parametrize("times", [pytest.param(1, marks=pytest.mark.slow), 3])
 @pytest.mark.parametrize("name", FIVE)
 def test_taylor_iterated_is_the_textbook(name, times):
     _, z = drawn(RADAR, RADAR_R, 6, 4, seed=3)
@@ -160,8 +160,14 @@ def turning(filter, backend=None):
     return sigmax.run(filter, TURNING, start, z, dt=DT, inputs=np.zeros((len(z), 1)), backend=backend)
 
 
-@pytest.mark.parametrize("update", ["iterated", pytest.param("student", marks=pytest.mark.slow), "iterated huber"])
-@pytest.mark.parametrize("name", ["SREKFB", "SREIF", "SRCKF", "CIF", "PF", "SRUKFB"])
+@pytest.mark.parametrize(
+    ("name", "update"),
+    [
+        pytest.param(name, update, marks=[pytest.mark.slow] * (update != quick))
+        for name, quick in zip(("SREKFB", "SREIF", "SRCKF", "CIF", "PF", "SRUKFB"), 3 * ["iterated", "iterated huber"])
+        for update in ("iterated", "student", "iterated huber")
+    ],
+)
 def test_every_form_is_the_covariance_form_with_every_update(name, update):
     filter = sigmax.get(name, update=UPDATES[update])
     same = replace(filter, form=textbook(False), name="textbook")

@@ -17,7 +17,7 @@ def outliers(tracks=3, steps=25):
     return z
 
 
-@pytest.mark.parametrize("backend", ["native", "xla"])
+@pytest.mark.parametrize("backend", ["native", pytest.param("xla", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", WEIGHTS)
 def test_a_weight_divides_the_variance(kind, backend):
     """Each step again, without weights, with R divided by those of the result: the same means and covariances."""

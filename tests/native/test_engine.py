@@ -3,7 +3,10 @@
 import itertools
 import os
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -90,6 +93,16 @@ def test_the_engines_agree(filter, name):
     assert apart(name, filter) < 1e-11
 
 
+def test_xla_as_users_have_it_agrees_too():
+    """In a process of its own: the tests around ask XLA not to be quick."""
+    code = "from tests.native.test_engine import apart; assert apart('rover-beacon', 'SREKFB') < 1e-11"
+    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, cwd=Path(__file__).parents[2], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("filter", "name"), [p for p in pairs(every=True) if p not in pairs(every=False)])
 def test_the_engines_agree_on_every_pair(filter, name):
@@ -150,7 +163,10 @@ def test_each_track_may_have_its_own_prior_times_and_inputs():
         assert np.array_equal(alone.cov, batch.cov[k])
 
 
-@pytest.mark.parametrize(("filter", "name"), [("SRUKFB", "radar-ct"), ("EKF", "rover-beacon"), ("CIF", "radar-ca")])
+@pytest.mark.parametrize(
+    ("filter", "name"),
+    [("SRUKFB", "radar-ct"), ("EKF", "rover-beacon"), pytest.param("CIF", "radar-ca", marks=pytest.mark.slow)],
+)
 def test_smoothing_agrees(filter, name):
     made, z, u = record(name)
     result = sigmax.run(filter, made.model, made.prior, z, dt=made.dt, inputs=u)
@@ -239,6 +255,7 @@ def test_a_saved_state_moves_between_the_engines():
     np.testing.assert_allclose(lives[0].mean, lives[1].mean, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_large_models_compile_in_pieces():
     n, m = 12, 4
 
