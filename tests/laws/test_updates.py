@@ -164,10 +164,13 @@ def turning(filter, backend=None):
     ("name", "update"),
     [
         pytest.param(name, update, marks=[pytest.mark.slow] * (update != quick))
-        for name, quick in zip(("SREKFB", "SREIF", "SRCKF", "CIF", "PF", "SRUKFB"), 3 * ["iterated", "iterated huber"])
+        for name, quick in {
+            "SREKFB": "iterated", "SREIF": "iterated huber", "SRCKF": "iterated", "CIF": "iterated huber",
+            "PF": "iterated", "SRUKFB": "iterated huber",
+        }.items()
         for update in ("iterated", "student", "iterated huber")
     ],
-)
+)  # fmt: skip
 def test_every_form_is_the_covariance_form_with_every_update(name, update):
     filter = sigmax.get(name, update=UPDATES[update])
     same = replace(filter, form=textbook(False), name="textbook")
