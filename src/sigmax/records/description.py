@@ -142,6 +142,8 @@ class Description(Section):
     sensors: dict[str, SensorPart] = Field(min_length=1)
     prior: dict[str, Any]
     bias: dict[str, BiasPart] = Field(default_factory=dict)
+    table: str = ""
+    header: list[str] = Field(default_factory=list)
     title: str = ""
     track: str | None = None
     decimal: str = "."

@@ -16,7 +16,7 @@ from sigmax.records.doubts import doubts
 from sigmax.records.local import with_local
 from sigmax.records.model import build
 from sigmax.records.prior import FROM, read_prior
-from sigmax.records.read_table import read_table
+from sigmax.records.read_table import data_of
 from sigmax.records.record import Record, parse_trial
 from sigmax.records.table import Table
 from sigmax.records.units import TIME, Dimension, parse_unit, to_si
@@ -42,7 +42,7 @@ def _record(path: Path, description: Description) -> Record:
     trials = tuple(dict.fromkeys(parse_trial(text) for text in description.filters))
     built = build(description, path.parent)
     check_columns(description, built)
-    table = with_local(read_table(path.parent / description.data, decimal=description.decimal), description.local)
+    table = with_local(data_of(description, path.parent), description.local)
     time, epoch = instants(table, description.time)
     names, rows = _tracks(table, description.track, time, description.sort)
     measured = {sensor: columns(table, measured_columns(description, built, sensor)) for sensor in built.sensings}
@@ -91,7 +91,7 @@ def _record(path: Path, description: Description) -> Record:
         landmarks=landmarks,
         source=description.source or description.data,
         licence=description.licence,
-        notes=(*late, *silent, *notes),
+        notes=(*table.notes, *late, *silent, *notes),
         doubts=doubts(description, built, table, *of_table),
         update_first=True,
         updates=built.updates,

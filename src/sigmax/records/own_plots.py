@@ -17,7 +17,7 @@ from sigmax.records.model import build
 from sigmax.records.own import check_columns, columns, instants, measured_columns
 from sigmax.records.plot_description import DetectionPart, PlotDescription, TrackingPart, extent_of
 from sigmax.records.plots import PlotRecord
-from sigmax.records.read_table import read_table
+from sigmax.records.read_table import data_of, read_table
 from sigmax.records.record import parse_trial, with_updates
 from sigmax.records.units import LENGTH, SPEED, TIME, quantity
 from sigmax.tracking import (
@@ -88,7 +88,7 @@ def _modes(filter: Filter, built: Built) -> Modes:
 
 def _record(path: Path, description: PlotDescription, part: TrackingPart) -> PlotRecord:
     built = build_plots(path, description)
-    whole = read_table(path.parent / description.data, lenient=True, decimal=description.decimal)
+    whole = data_of(description, path.parent, lenient=True)
     wanted = {name: measured_columns(description, built, name) for name in built.sensings}
     used = {column.column for one in wanted.values() for column, _, _ in one}
     used |= {item.column.column for item in built.inputs}

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.records.accuracies import accuracies
 from sigmax.records.description import Column, LocalPart
 from sigmax.records.local import FARTHEST, POSITION, VELOCITY, distance, origin_of, with_local
 from sigmax.records.roles import TimeRole, base_and_unit, has_numbers, named
@@ -22,7 +23,8 @@ _BEACONS = r"(range|rng|dist(ance)?|d|r|tof|anchor|beacon|uwb)_?[a-z]?\d+(_(rang
 class Seen(NamedTuple):
     """What measures positions: tables of the TOML, the state it needs, and places (T, 2) to judge tracks by.
 
-    Without a prior of the position it comes from the sensor.
+    Without a prior of the position it comes from the sensor. A guess rests on no name; what is accurate says in each
+    row how accurate it is.
     """
 
     tables: str
@@ -32,6 +34,8 @@ class Seen(NamedTuple):
     columns: tuple[str, ...]
     sensor: str
     prior: str = ""
+    guess: bool = False
+    accurate: bool = False
 
 
 def geodetic(table: Table, clock: np.ndarray, time: TimeRole, track: str | None) -> Seen | None:
@@ -49,7 +53,9 @@ def geodetic(table: Table, clock: np.ndarray, time: TimeRole, track: str | None)
     place = with_local(table, part).columns[list(POSITION)].to_numpy(float)
     used = [lat.column, lon.column]
     velocity, said = speed_and_course(table, clock, part, place, track, (*taken, *used))
-    sensors = _position("report", ("east", "north"), tuple(map(quoted, POSITION)), "10 m")
+    noise, accurate = accuracies(table, ("east", "north"), place, (*taken, *used))
+    sensors = _position("report", ("east", "north"), tuple(map(quoted, POSITION)), "10 m", noise)
+    used += [column.column for column in noise]
     if velocity is not None:
         part = part.model_copy(update=dict(zip(("speed", "course"), velocity, strict=True)))
         used += [column.column for column in velocity]
@@ -58,7 +64,9 @@ def geodetic(table: Table, clock: np.ndarray, time: TimeRole, track: str | None)
             f"columns = {{ veast = {quoted(VELOCITY[0])}, vnorth = {quoted(VELOCITY[1])} }}\n"
             'noise = { veast = "1 m/s", vnorth = "1 m/s" }\n'
         )
-    return Seen(f"{_shown(part)}\n{sensors}", ("east", "north"), place, (*remarks, said), tuple(used), "report")
+    told = (*remarks, said, accurate)
+    shown = f"{_shown(part)}\n{sensors}"
+    return Seen(shown, ("east", "north"), place, told, tuple(used), "report", accurate=bool(noise))
 
 
 def _local(table: Table, lat: Column, lon: Column) -> tuple[LocalPart, list[str]]:
@@ -173,7 +181,12 @@ def plane(table: Table, time: TimeRole, track: str | None) -> Seen:
     place = np.column_stack([table.numbers(n) * to_si(u, LENGTH, n) for n, u in zip((x, y), units, strict=True)])
     shown = tuple(column_toml(Column(column=n, unit=u)) for n, u in zip((x, y), units, strict=True))
     words = remark or f"{x!r} and {y!r} are taken for a position in {units[0]}."
-    return Seen(_position("position", ("x", "y"), shown, "1 m"), ("x", "y"), place, (words,), (x, y), "position")
+    noise, accurate = accuracies(table, ("x", "y"), place, (*taken, x, y))
+    sensor = _position("position", ("x", "y"), shown, "1 m", noise)
+    used = (x, y, *(column.column for column in noise))
+    return Seen(
+        sensor, ("x", "y"), place, (words, accurate), used, "position", guess=bool(remark), accurate=bool(noise)
+    )
 
 
 def _thousands(table: Table, but: tuple[str | None, ...]) -> str:
@@ -186,11 +199,14 @@ def _thousands(table: Table, but: tuple[str | None, ...]) -> str:
     return ""
 
 
-def _position(name: str, axes: tuple[str, str], columns: tuple[str, ...], noise: str) -> str:
+def _position(
+    name: str, axes: tuple[str, str], columns: tuple[str, ...], guess: str, noise: tuple[Column, ...] = ()
+) -> str:
     x, y = axes
+    of_x, of_y = (column_toml(noise[0]), column_toml(noise[-1])) if noise else (quoted(guess), quoted(guess))
     return (
         f'[sensors.{name}]\nkind = "position"\ncolumns = {{ {x} = {columns[0]}, {y} = {columns[1]} }}\n'
-        f'noise = {{ {x} = "{noise}", {y} = "{noise}" }}\n'
+        f"noise = {{ {x} = {of_x}, {y} = {of_y} }}\n"
     )
 
 

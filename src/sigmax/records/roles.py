@@ -30,8 +30,10 @@ _NAMES = {
     r"(date_?time|time_?stamp|time|date|epoch|t|ts|utc|seconds?)(_(utc|gps|stamp|unix|epoch|of.*))?",
     "latitude": r"(.*_)?lat(itude)?",
     "longitude": r"(.*_)?(lon|lng|long|longitude)",
-    "x": r"(pos(ition)?_?)?(x|east|easting|e)(_?pos(ition)?)?|p_?x|local_x|utm_(x|e|east|easting)",
-    "y": r"(pos(ition)?_?)?(y|north|northing|n)(_?pos(ition)?)?|p_?y|local_y|utm_(y|n|north|northing)",
+    "x": r"(pos(ition)?_?)?(x|east|easting|e)(_?pos(ition)?)?|p_?x|local_x|utm_(x|e|east|easting)|"
+    r"(.*_)?(position|point|translation)_x",
+    "y": r"(pos(ition)?_?)?(y|north|northing|n)(_?pos(ition)?)?|p_?y|local_y|utm_(y|n|north|northing)|"
+    r"(.*_)?(position|point|translation)_y",
     "speed": r"sog|(ground_?)?(speed|velocity|spd)(_over_ground)?|gs|vel",
     "course": r"cog|course(_over_ground)?|track(_?angle)?|true_track|(true_)?heading|hdg|trk",
     "range": r"(slant_|measured_)?(range|rng|rho|dist(ance)?)|r",
@@ -66,7 +68,7 @@ class TimeRole(NamedTuple):
 def base_and_unit(name: str) -> tuple[str, str]:
     """A name in small letters with underscores, without the unit that it ends with, and that unit."""
     parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name.strip().lstrip("#").strip())
-    plain = parted.casefold().replace("m/s", "mps").replace("km/h", "kmh")
+    plain = re.sub(r"(?<=_)m_s$", "mps", parted.casefold().replace("m/s", "mps").replace("km/h", "kmh"))
     words = [word for word in re.split(r"[^a-z0-9]+", plain) if word]
     if len(words) > 1 and words[-1] in _UNITS:
         return "_".join(words[:-1]), _UNITS[words[-1]]

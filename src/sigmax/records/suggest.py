@@ -1,6 +1,8 @@
 """A first description for a file of data, made from the names of its columns and from their numbers."""
 
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,13 +13,18 @@ from sigmax.errors import InputError
 from sigmax.records.beacons import beacons
 from sigmax.records.doubts import clock_doubts, standstill
 from sigmax.records.likely import labels_of, likely_track, speeds
+from sigmax.records.local import POSITION
 from sigmax.records.positions import geodetic, plane, polar, quoted
-from sigmax.records.read_table import read_table
+from sigmax.records.read_table import read_tables
 from sigmax.records.roles import TimeRole, has_numbers, time_of, track_of
 from sigmax.records.table import Table, clock_period
 from sigmax.records.units import TIME, to_si
 
 _DAY = 86400.0
+
+
+# What names a table of a receiver, before those of what a device makes of it.
+_RECEIVER = re.compile(r"gps|gnss|fix|navsat", re.IGNORECASE)
 
 
 class Proposal(NamedTuple):
@@ -27,13 +34,46 @@ class Proposal(NamedTuple):
     remarks: tuple[str, ...]
 
 
+class _Ranked(NamedTuple):
+    """The proposal for a table of a log, whether it rests on no names, and how much speaks against the table."""
+
+    proposal: Proposal
+    guess: bool
+    rank: tuple[float, ...]
+
+
 def propose(path: Path) -> Proposal:
     """A minimal description: constant velocity, and what measures a position by the names and numbers of the columns.
+
+    Of the tables of a log it is of the one that most likely measures positions.
 
     Raises:
         InputError: where the file cannot be read, or no columns look like a time and a position.
     """
-    table, decimal = _table(path)
+    tables = read_tables(path)
+    if len(tables) == 1:
+        return _proposed(path, *_table(next(iter(tables.values())))).proposal
+    found: dict[str, _Ranked] = {}
+    refused: dict[str, str] = {}
+    for name, one in tables.items():
+        try:
+            found[name] = _proposed(path, one, ".", name)
+        except InputError as error:
+            refused[name] = str(error)
+    if not found:
+        raise InputError(
+            f"{path.name}: none of its tables {', '.join(tables)} has a time and a position; of the first it is said: "
+            f"{next(iter(refused.values()))}"
+        )
+    best, *others = sorted(found, key=lambda name: found[name].rank)
+    # What rests on no name is not worth a word.
+    named = [repr(name) for name in others if not found[name].guess]
+    more = f"; {', '.join(named[:8])} {'has' if len(named) == 1 else 'have'} positions, too" if named else ""
+    toml, remarks = found[best].proposal
+    return Proposal(toml, (f"Of {len(tables)} tables {best!r} is taken{more}.", *remarks))
+
+
+def _proposed(path: Path, table: Table, decimal: str, of_log: str = "") -> _Ranked:
     names = list(table.names)
     if len(names) < 3:
         raise InputError(f"{path.name} has the columns {', '.join(names)}; a time and two measured ones are the least")
@@ -47,7 +87,7 @@ def propose(path: Path) -> Proposal:
         or polar(table, time, track)
         or plane(table, time, track)
     )
-    remarks = [time.remark, *seen.remarks]
+    remarks = [*table.notes, time.remark, *seen.remarks]
     if track is None:
         others = [n for n in names if n not in (time.column, *seen.columns)]
         track = likely_track(table, clock, seen.place, others)
@@ -68,6 +108,7 @@ def propose(path: Path) -> Proposal:
     remarks.append("Noises and priors are guesses: correct them.")
     head = [
         f"data = {quoted(path.name)}",
+        *([f"table = {quoted(of_log)}"] if of_log else []),
         f"time = {_time(time)}",
         *([f"track = {quoted(track)}"] if track else []),
         *(['decimal = ","'] if decimal == "," else []),
@@ -91,13 +132,19 @@ v{x} = {{ mean = 0, std = "{pace:g} m/s" }}
 v{y} = {{ mean = 0, std = "{pace:g} m/s" }}
 """
     )
-    return Proposal(toml, tuple(filter(None, remarks)))
+    rank = (
+        seen.guess,
+        POSITION[0] not in seen.tables,
+        not _RECEIVER.search(of_log),
+        not seen.accurate,
+        -len(table),
+    )
+    return _Ranked(Proposal(toml, tuple(filter(None, remarks))), seen.guess, rank)
 
 
-def _table(path: Path) -> tuple[Table, str]:
+def _table(table: Table) -> tuple[Table, str]:
     """The table, with a decimal comma where more columns are numbers so."""
-    table = read_table(path)
-    other = read_table(path, decimal=",")
+    other = replace(table, decimal=",")
     numbers = [sum(has_numbers(t, n) for n in t.names) for t in (table, other)]
     return (other, ",") if numbers[1] > numbers[0] else (table, ".")
 

@@ -27,6 +27,8 @@ class Table:
         first_row: the number by which a reader finds the first row of data: 2 below a header line.
         ragged: rows of another length that were left out, quoted.
         decimal: the sign before the decimals of numbers that are text, a point or a comma.
+        notes: what a reader of the results should know of how it was read.
+        left_out: numbers of rows, for people, that were left out before.
     """
 
     path: Path
@@ -34,6 +36,8 @@ class Table:
     first_row: int
     ragged: tuple[str, ...] = ()
     decimal: str = "."
+    notes: tuple[str, ...] = ()
+    left_out: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.columns)
@@ -45,7 +49,10 @@ class Table:
 
     def row(self, index: int) -> int:
         """The number of a row for people."""
-        return index + self.first_row
+        number = index + self.first_row
+        for skipped in self.left_out:
+            number += skipped <= number
+        return number
 
     def column(self, name: str) -> "pd.Series[Any]":
         """A column.
