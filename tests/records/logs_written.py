@@ -220,7 +220,7 @@ def opensky(path: Path, w: pd.DataFrame) -> Written:
     for row, time in zip(w.itertuples(), since_1970(w), strict=True):
         address = f"{row.id % 2**24:06x}"
         state = [address, "KLM1    ", "x", time, time + 1, row.lon, row.lat, 9000, False, row.speed, row.course, 0.0]
-        answers.append({"time": time + 2, "states": [state + [None, 9000, "1000", False, 0]]})
+        answers.append({"time": time + 2, "states": [[*state, None, 9000, "1000", False, 0]]})
     path = path / "states.jsonl"
     # The same answer twice, as one who asks too often gets it.
     path.write_text("\n".join(json.dumps(a) for a in [*answers, answers[-1]]))

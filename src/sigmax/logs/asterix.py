@@ -22,7 +22,7 @@ def tables(path: Path) -> Log:
     """Tables `plots`, `reports` and `tracks` of the categories 048, 021 and 062; others are left out and named.
 
     `time` counts seconds since midnight, as ASTERIX does, on over the next. Ranges are in nautical miles, angles in
-    degrees, lengths in m, speeds in m/s; `address` is the 24-bit one in hexadecimal.
+    degrees, lengths in m, speeds in m/s; `icao24` is in hexadecimal.
 
     Raises:
         InputError: where the blocks of the file do not follow one another.
@@ -66,7 +66,7 @@ def _plot(record: Any) -> dict[str, Any]:
         "time": _quantity(record, "140", unit="s"),
         "radar": _source(record),
         "track_id": _whole(record, "161", "TRN"),
-        "address": _address(record, "220"),
+        "icao24": _address(record, "220"),
         "callsign": _text(record, "240"),
         "range_nm": _quantity(record, "040", "RHO", unit="NM"),
         "azimuth_deg": _quantity(record, "040", "THETA", unit="°"),
@@ -84,7 +84,7 @@ def _report(record: Any) -> dict[str, Any]:
     return {
         "time": next((t for t in times if t is not None), None),
         "station": _source(record),
-        "address": _address(record, "080"),
+        "icao24": _address(record, "080"),
         "callsign": _text(record, "170"),
         "latitude": latitude,
         "longitude": longitude,
@@ -100,7 +100,7 @@ def _track(record: Any) -> dict[str, Any]:
         "time": _quantity(record, "070", unit="s"),
         "system": _source(record),
         "track_id": _whole(record, "040"),
-        "address": _address(record, "380", "ADR"),
+        "icao24": _address(record, "380", "ADR"),
         "latitude": _quantity(record, "105", "LAT", unit="°"),
         "longitude": _quantity(record, "105", "LON", unit="°"),
         "x_m": _quantity(record, "100", "X", unit="m"),

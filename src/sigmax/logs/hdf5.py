@@ -9,7 +9,7 @@ import pandas as pd
 
 from sigmax.logs.read import Log
 
-# A dataset with more columns is no table.
+# A dataset with more columns than that is no table.
 _WIDEST = 64
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import h5py
 import pandas as pd
 import xarray
 
@@ -12,6 +13,9 @@ def tables(path: Path) -> Log:
     """A table for each set of dimensions, named by them, with their coordinates as columns; times are dates."""
     with path.open("rb") as file:
         classic = file.read(3) == b"CDF"
+    if not classic:
+        # h5netcdf leaves a file that is none half open.
+        h5py.File(path, "r").close()
     with xarray.open_dataset(path, engine="scipy" if classic else "h5netcdf") as dataset:
         by_dimensions: dict[tuple[str, ...], list[str]] = {}
         for name, variable in dataset.variables.items():

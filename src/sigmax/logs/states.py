@@ -22,7 +22,7 @@ _READSB = {"hex": "icao24", "flight": "callsign", "lat": "latitude", "lon": "lon
 
 
 def tables(path: Path) -> Log:
-    """One table: of one answer or a list or lines of them, of lists of objects, or of columns by name.
+    """One table: of one answer or a list or lines of them, with dates; of objects; or of columns by name.
 
     Raises:
         InputError: for JSON of another shape.
@@ -51,7 +51,11 @@ def tables(path: Path) -> Log:
     # An answer says again what has not changed since the one before.
     of_aircraft = [name for name in ("icao24", "time") if name in table]
     again = table.duplicated(of_aircraft) if len(of_aircraft) == 2 else table.duplicated()
-    return Log({"rows": table[~again].reset_index(drop=True)})
+    table = table[~again].reset_index(drop=True)
+    if len(of_aircraft) == 2:
+        # The answers of both count seconds since 1970.
+        table["time"] = pd.to_datetime(table["time"], unit="s", utc=True)
+    return Log({"rows": table})
 
 
 def _opensky(state: list[Any]) -> dict[str, Any]:

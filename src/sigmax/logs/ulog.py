@@ -21,8 +21,9 @@ def tables(path: Path) -> Log:
     `time` is in seconds since the start of the device, or a date where a message of the receiver tells it. Latitude and
     longitude are in degrees whatever the version.
     """
-    with contextlib.redirect_stdout(io.StringIO()):
-        log: Any = ULog(str(path))
+    # It reports what is damaged by printing, and leaves open what it opens itself.
+    with contextlib.redirect_stdout(io.StringIO()), path.open("rb") as file:
+        log: Any = ULog(file)
     began = _began(log.data_list)
     found = {}
     for data in log.data_list:
