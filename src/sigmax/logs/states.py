@@ -22,7 +22,7 @@ _READSB = {"hex": "icao24", "flight": "callsign", "lat": "latitude", "lon": "lon
 
 
 def tables(path: Path) -> Log:
-    """One table: of one answer or a list or lines of them, with dates; of objects; or of columns by name.
+    """A table `states` of answers, one or a list or lines of them; else `rows`, of objects or of columns by name.
 
     Raises:
         InputError: for JSON of another shape.
@@ -38,24 +38,22 @@ def tables(path: Path) -> Log:
         return Log({"rows": pd.DataFrame(content).reset_index(drop=True)})
     answers = content if isinstance(content, list) else [content]
     rows: list[dict[str, Any]] = []
+    states: list[dict[str, Any]] = []
     for answer in answers:
         if not isinstance(answer, dict):
             raise InputError(f"{path.name} holds {type(answer).__name__}s; a table in JSON is a list of objects")
         if "states" in answer:
-            rows += [_opensky(state) for state in answer["states"] or []]
+            states += [_opensky(state) for state in answer["states"] or []]
         elif "aircraft" in answer:
-            rows += [_readsb(one, float(answer["now"])) for one in answer["aircraft"]]
+            states += [_readsb(one, float(answer["now"])) for one in answer["aircraft"]]
         else:
             rows.append(flat(answer))
-    table = pd.DataFrame(rows)
-    # An answer says again what has not changed since the one before.
-    of_aircraft = [name for name in ("icao24", "time") if name in table]
-    again = table.duplicated(of_aircraft) if len(of_aircraft) == 2 else table.duplicated()
-    table = table[~again].reset_index(drop=True)
-    if len(of_aircraft) == 2:
-        # The answers of both count seconds since 1970.
-        table["time"] = pd.to_datetime(table["time"], unit="s", utc=True)
-    return Log({"rows": table})
+    found = {"rows": pd.DataFrame(rows)}
+    if states:
+        # An answer says again what has not changed since the one before.
+        found["states"] = pd.DataFrame(states).drop_duplicates(["icao24", "time"], ignore_index=True)
+        found["states"]["time"] = pd.to_datetime(found["states"]["time"], unit="s", utc=True)
+    return Log(found)
 
 
 def _opensky(state: list[Any]) -> dict[str, Any]:
