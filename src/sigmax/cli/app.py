@@ -75,6 +75,13 @@ def track_command(
         Path | None,
         typer.Option("--data", help="Folder of a data set that does not come along: autoferry.", show_default=False),
     ] = None,
+    prior: Annotated[
+        str | None,
+        typer.Option(
+            help='"from measurements": begin where the first ones say. Without it: what the record says.',
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Track a record with one or several filters and write estimates, summary and report.
 
@@ -86,7 +93,7 @@ def track_command(
     say_on_signal("nothing was written")
     from sigmax.cli.track import track_record
 
-    track_record(record, filter or [], out, data)
+    track_record(record, filter or [], out, data, prior)
 
 
 app.command("terrain")(terrain_command)

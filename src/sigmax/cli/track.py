@@ -14,7 +14,9 @@ from rich.table import Table
 from sigmax.cli import NO_RESULT, WRONG_INPUT
 from sigmax.cli.plots import track_plots
 from sigmax.cli.progress import progress_on
+from sigmax.errors import InputError
 from sigmax.records import Outcome, Record, check, load, load_plots, parse_trial, robust_trial, track
+from sigmax.records.beginning import WORDS, from_measurements
 from sigmax.records.load import description_of
 from sigmax.records.read_table import is_table
 from sigmax.records.suggest import propose
@@ -28,7 +30,13 @@ _COLOUR = {Grade.CONSISTENT: "green"} | dict.fromkeys(
 )
 
 
-def track_record(name: str | Record, filters: Sequence[str], out: Path | None, data: Path | None = None) -> None:
+def track_record(
+    name: str | Record,
+    filters: Sequence[str],
+    out: Path | None,
+    data: Path | None = None,
+    prior: str | None = None,
+) -> None:
     """Load, check, run, write and print.
 
     Raises:
@@ -41,11 +49,19 @@ def track_record(name: str | Record, filters: Sequence[str], out: Path | None, d
     trials = tuple(dict.fromkeys(parse_trial(text) for text in filters))
     with errors.status("reading the record"):
         plots = load_plots(name, data) if isinstance(name, str) else None
+    if prior not in (None, WORDS):
+        raise InputError(f"--prior says {WORDS!r}, or is left out; it is {prior!r}")
     if plots is not None:
+        if prior is not None:
+            raise InputError("--prior belongs to a record of tracks; plots begin tracks by themselves")
         track_plots(plots, filters, out)
         return
     with errors.status("reading the record"):
         record = load(name) if isinstance(name, str) else name
+        if prior is not None:
+            record = from_measurements(
+                record, np.broadcast_to(record.prior.mean, (len(record.tracks), record.model.size))
+            )
         trials = trials or record.trials
         folder = out if out is not None else Path("runs") / record.name
         check_folder(folder)

@@ -38,6 +38,10 @@ def bank_of(member: Filter, members: int, bend: float = 0.5) -> Bank:
     if not isinstance(member, Filter) or isinstance(member, Bank | ModeFilters):
         what = member.name if isinstance(member, Filter) else repr(member)
         raise InputError(f"a bank needs a filter of one belief for its members, such as 'SRCKFB'; it is {what}")
+    if member.consider:
+        raise InputError(
+            f"members of a bank differ in what they know; {member.name} holds {member.consider[0]} for all"
+        )
     if isinstance(members, bool) or not isinstance(members, int) or not _FEWEST <= members <= _MOST or members % 2 == 0:
         raise InputError(f"members of a bank are an odd number from {_FEWEST} to {_MOST}; it is {members!r}")
     if isinstance(bend, bool) or not isinstance(bend, int | float) or not bend > 0:

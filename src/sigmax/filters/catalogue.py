@@ -1,7 +1,7 @@
 """The named filters, a line each."""
 
 import inspect
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -116,12 +116,14 @@ def get(
     *,
     update: Update | BySensor | str | Mapping[str, Update | str] | None = None,
     members: int | None = None,
+    consider: str | Sequence[str] = (),
     **parameters: Any,
 ) -> Filter:
     """The filter of a name, such as `get("SRUKFB", alpha=0.45, beta=2, kappa=-2)` or `get("EKF", update="student")`.
 
     An update is one such as `iterated(5)`, or its name, or a dict of them by sensor; without one it is that of the
-    catalogue. With members it is a bank of such filters, see `bank`.
+    catalogue. With members it is a bank of such filters, see `bank`. Components of state or bias that it is to
+    `consider` are those that no measurement changes, while what is not known of them counts (Schmidt 1966).
 
     Raises:
         InputError: for a name or a parameter that is not known, with the nearest ones that are.
@@ -129,7 +131,8 @@ def get(
     for parameter, value in parameters.items():
         if not isinstance(value, Hashable):
             raise InputError(f"{parameter} must be one value; it is {type(value).__name__}")
-    member = _composed(str(name), None if update is None else named(update), tuple(parameters.items()))
+    held = (consider,) if isinstance(consider, str) else tuple(map(str, consider))
+    member = _composed(str(name), None if update is None else named(update), held, tuple(parameters.items()))
     return member if members is None else bank_of(member, members)
 
 
@@ -156,7 +159,9 @@ def bank(filter: Filter | str, members: int = 9, bend: float = 0.5) -> Filter:
 
 
 @lru_cache(maxsize=256)
-def _composed(name: str, update: Update | BySensor | None, given: tuple[tuple[str, Any], ...]) -> Filter:
+def _composed(
+    name: str, update: Update | BySensor | None, consider: tuple[str, ...], given: tuple[tuple[str, Any], ...]
+) -> Filter:
     parameters = dict(given)
     folded = {known.casefold(): known for known in _ENTRIES}
     if str(name).casefold() not in folded:
@@ -165,7 +170,7 @@ def _composed(name: str, update: Update | BySensor | None, given: tuple[tuple[st
     entry = _ENTRIES[found]
     for parameter in parameters:
         if parameter not in entry.parameters:
-            takes = ", ".join([*entry.parameters, "update", "members"])
+            takes = ", ".join([*entry.parameters, "update", "members", "consider"])
             raise InputError(f"{found} has no parameter {parameter!r}; it takes {takes}")
     makers = (entry.predict, entry.correct, entry.form)
     kinds = {k: p.annotation for make in makers for k, p in inspect.signature(make).parameters.items()}
@@ -177,7 +182,8 @@ def _composed(name: str, update: Update | BySensor | None, given: tuple[tuple[st
 
     chosen = entry.update if update is None else update
     shown = parameters if chosen == entry.update else parameters | {"update": chosen}
+    shown |= {"consider": "+".join(consider)} if consider else {}
     said = ", ".join(f"{k}={v}" for k, v in shown.items())
     label = f"{found}({said})" if said else found
     parts = part(entry.predict), part(entry.correct), part(entry.form)
-    return Filter(*parts, label, linear=found == "KF", update=chosen)
+    return Filter(*parts, label, linear=found == "KF", update=chosen, consider=consider)

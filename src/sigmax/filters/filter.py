@@ -23,6 +23,8 @@ class Filter:
         linear: refuse models that are not linear.
         update: how a measurement corrects: once, iterated, or by weights, or that for each sensor; None for once, and
             on curved spaces for one iteration.
+        consider: names of components of state or bias that no measurement changes, while what is not known of them
+            widens everything else.
     """
 
     predict: Rule
@@ -31,6 +33,7 @@ class Filter:
     name: str = "unnamed"
     linear: bool = False
     update: Update | BySensor | None = None
+    consider: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for what, rule in (("predict", self.predict), ("correct", self.correct)):
@@ -43,6 +46,9 @@ class Filter:
                 f"update must be one such as sigmax.once, sigmax.iterated(3) or sigmax.robust('student'); "
                 f"it is {_said(self.update)}"
             )
+        names = self.consider
+        if not isinstance(names, tuple) or not all(isinstance(n, str) for n in names) or len(set(names)) < len(names):
+            raise InputError(f"consider must be a tuple of different names of components; it is {names!r}")
 
     def on(self, biases: int) -> "Filter":
         """The filter as it runs on a model with so many biases: parts that treat them apart are told how many.
@@ -61,7 +67,8 @@ class Filter:
 
     def __repr__(self) -> str:
         update = f", update {self.update}" if self.update is not None else ""
-        return f"{self.name}: prediction {self.predict}, correction {self.correct}, form {self.form.name}{update}"
+        held = f", considering {', '.join(self.consider)}" if self.consider else ""
+        return f"{self.name}: prediction {self.predict}, correction {self.correct}, form {self.form.name}{update}{held}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -78,7 +85,7 @@ class ModeFilters(Filter):
     def of(cls, modes: Sequence[Filter]) -> "ModeFilters":
         """The filters as one."""
         first, names = modes[0], list(dict.fromkeys(f.name for f in modes))
-        return cls(first.predict, first.correct, first.form, ", ".join(names), False, None, tuple(modes))
+        return cls(first.predict, first.correct, first.form, ", ".join(names), modes=tuple(modes))
 
 
 def _said(given: object) -> str:

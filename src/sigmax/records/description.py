@@ -60,6 +60,12 @@ class TimeColumn(Column):
 
 ColumnGiven = Annotated[Column, BeforeValidator(_as_column)]
 TimeGiven = Annotated[TimeColumn, BeforeValidator(_as_column)]
+
+
+def _as_prior(given: Any) -> Any:
+    return {"from": "measurements"} if given == "from measurements" else given
+
+
 # A standard deviation by component, a covariance as rows of numbers, or "file.py:function".
 Noise = Any
 
@@ -140,7 +146,7 @@ class Description(Section):
     motion: Annotated[list[MotionPart], BeforeValidator(_as_list)] = Field(default_factory=list)
     modes: dict[str, ModePart] = Field(default_factory=dict)
     sensors: dict[str, SensorPart] = Field(min_length=1)
-    prior: dict[str, Any]
+    prior: Annotated[dict[str, Any], BeforeValidator(_as_prior)]
     bias: dict[str, BiasPart] = Field(default_factory=dict)
     table: str = ""
     header: list[str] = Field(default_factory=list)

@@ -9,13 +9,14 @@ import pandas as pd
 
 from sigmax.errors import InputError, unknown
 from sigmax.models import Gaussian
+from sigmax.records.beginning import from_measurements
 from sigmax.records.built import Built
 from sigmax.records.delays import Rows, undelayed
 from sigmax.records.description import Column, Description, TimeColumn, read_toml
 from sigmax.records.doubts import doubts
 from sigmax.records.local import with_local
 from sigmax.records.model import build
-from sigmax.records.prior import FROM, read_prior
+from sigmax.records.prior import ALL_FROM, FROM, read_prior, search
 from sigmax.records.read_table import data_of
 from sigmax.records.record import Record, parse_trial
 from sigmax.records.table import Table
@@ -54,7 +55,12 @@ def _record(path: Path, description: Description) -> Record:
     of_table = time, epoch, names, rows, measured
     (time, rows, measured, inputs, truth), late = undelayed(Rows(time, rows, measured, inputs, truth), built)
     names, rows, silent = _beginning(description.prior.get(FROM), measured, names, rows)
-    mean, cov, rows, notes = read_prior(description.prior, built, measured, inputs, rows, names)
+    asked = description.prior
+    found = search(asked, built, measured, rows) if ALL_FROM in asked else None
+    if found is None:
+        mean, cov, rows, notes = read_prior(asked, built, measured, inputs, rows, names)
+    else:
+        (mean, _), cov, notes = found, np.eye(built.model.dim), ()
     steps = np.array([len(r) for r in rows])
     if steps.max() * len(rows) > max(_PADDING * steps.sum(), _ROOM):
         raise InputError(
@@ -71,7 +77,7 @@ def _record(path: Path, description: Description) -> Record:
         for sensor, s in built.sensings.items()
         if s.origin is not None and len(s.origin) > 1
     }
-    return Record(
+    made = Record(
         name=path.stem,
         title=description.title or path.stem,
         model=built.model,
@@ -96,6 +102,7 @@ def _record(path: Path, description: Description) -> Record:
         update_first=True,
         updates=built.updates,
     )
+    return made if found is None else from_measurements(made, *found)
 
 
 def check_columns(description: Description, built: Built) -> None:

@@ -9,8 +9,9 @@ from sigmax.records.built import Built
 from sigmax.records.sensor import first_position
 from sigmax.records.units import quantity
 
-# The key that takes the position from the first measurement.
+# The key that takes the position from the first measurement, and the one that takes everything from the first ones.
 FROM = "position_from"
+ALL_FROM = "from"
 
 
 def read_prior(
@@ -70,6 +71,46 @@ def read_prior(
     if any(firsts):
         notes.append(f"{sum(firsts)} rows before it are left out.")
     return mean, cov, [r[first:] for r, first in zip(rows, firsts, strict=True)], tuple(notes)
+
+
+def search(
+    given: dict[str, Any], built: Built, measured: dict[str, np.ndarray], rows: list[np.ndarray]
+) -> tuple[np.ndarray, dict[str, float]]:
+    """Where the search for the state at the first measurements begins (B, n), and how far from there it may lead.
+
+    A component that is given is near its mean. Else the position is that of the first measurement that tells one, or
+    amid the sensors that stand somewhere, and all else is 0.
+
+    Raises:
+        InputError: where a component is not known, or a number does not fit.
+    """
+    state = built.model.state
+    if given[ALL_FROM] != "measurements":
+        raise InputError(f'prior.{ALL_FROM} is "measurements"; it is {given[ALL_FROM]!r}')
+    if FROM in given:
+        raise InputError(f"prior: {ALL_FROM} takes the whole state from measurements; drop {FROM}")
+    for name in given:
+        if name != ALL_FROM and name not in state:
+            raise InputError(f"prior: {unknown('component', name, [*state, ALL_FROM])}")
+    at, within = np.zeros((len(rows), len(state))), {}
+    standing = [s for s in built.sensings.values() if s.origin is not None and len(s.at) == len(s.origin)]
+    for i in range(len(state)):
+        seen = [s.origin[s.at.index(i)] for s in standing if s.origin is not None and i in s.at]
+        at[:, i] = np.mean(seen) if seen else 0.0
+    for b, r in enumerate(rows):
+        for name, sensing in built.sensings.items():
+            whole = r[~np.isnan(measured[name][r]).any(1)]
+            if len(whole) and sensing.kind in ("position", "range_azimuth"):
+                # Any noise will do: where it is does not hang on it.
+                near = sensing._replace(R=np.ones(len(sensing.dimensions)), deviations=None)
+                at[b, sensing.at] = first_position(near, measured[name][whole[:1], : len(near.dimensions)])[0][0]
+                break
+    for i, name in enumerate(state):
+        if name in given:
+            at[:, i], within[str(name)] = _component(given, name, built, i)
+            if not within[str(name)] > 0:
+                raise InputError(f"prior.{name}.std must be above 0 with {ALL_FROM}; it is {given[name]['std']!r}")
+    return at, within
 
 
 def _located(built: Built, sensor: str, z: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:

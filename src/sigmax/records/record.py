@@ -157,18 +157,22 @@ def with_updates(filter: Filter, updates: Mapping[str, Update]) -> Filter:
 def parse_trial(text: str) -> Trial:
     """A trial from "NAME" or "NAME:parameter=value,…", where `fixed=component` may stand among the parameters.
 
+    That and `consider=component` may stand there more than once.
+
     Raises:
         InputError: for names that are not known, values that do not fit, and other syntax.
     """
     name, _, rest = text.strip().partition(":")
     parameters: dict[str, Any] = {}
-    fixed = []
+    fixed, held = [], []
     for piece in filter(None, (piece.strip() for piece in rest.split(","))):
         key, equals, value = (part.strip() for part in piece.partition("="))
         if not equals or not key or not value:
             raise InputError(f"{text!r}: {piece!r} should be parameter=value, as in SRUKFB:alpha=0.45,beta=2,kappa=-2")
         if key == "fixed":
             fixed.append(value)
+        elif key == "consider":
+            held.append(value)
         elif key in parameters:
             raise InputError(f"{text!r} gives {key} twice")
         else:
@@ -176,7 +180,7 @@ def parse_trial(text: str) -> Trial:
             if isinstance(parameters[key], float) and not abs(parameters[key]) < _MOST:
                 raise InputError(f"{text!r}: {key} is beyond all measure; it is {value}")
     try:
-        made = get(name, **parameters)
+        made = get(name, consider=held, **parameters)
     except (TypeError, ValueError) as error:
         raise error if isinstance(error, InputError) else InputError(f"{text!r}: {error}") from error
     return Trial(text.strip(), made, tuple(fixed))

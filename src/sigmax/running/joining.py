@@ -34,7 +34,7 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
     if not model.space.flat:
         prior = _on_space(model, prior)
     for own, part in modes_of(filter, model):
-        check_update(own, part)
+        check_named(own, part)
     tracks, n = len(prior.mean) if prior.mean.ndim == 2 else 1, model.size + model.biases
     enough_memory(f"a filter of {tracks} tracks", (2.0 * n + n * n) * tracks)
     filter = filter.on(model.biases)
@@ -48,12 +48,18 @@ def modes_of(filter: Filter, model: Model) -> list[tuple[Filter, Model]]:
     return [(filter, model)]
 
 
-def check_update(filter: Filter, model: Model) -> None:
-    """Refuse updates of sensors that the model does not have, or has only as one.
+def check_named(filter: Filter, model: Model) -> None:
+    """Refuse updates of sensors that the model does not have, or has only as one, and components that it has not.
 
     Raises:
         InputError: for them.
     """
+    components = [*map(str, model.deviations), *(() if model.bias is None else map(str, model.bias.names))]
+    for name in filter.consider:
+        if name not in components:
+            raise InputError(f"consider: {unknown('component', name, components)}")
+    if filter.consider and len(filter.consider) == len(components):
+        raise InputError(f"{filter.name} considers every component of {model}: it would estimate nothing")
     if not isinstance(filter.update, BySensor):
         return
     for sensor, _ in filter.update.updates:

@@ -25,6 +25,7 @@ from sigmax.running.layout import Layout
 from sigmax.running.live_estimate import LiveEstimate
 from sigmax.running.prepare import as_filter, cast, run_type, typed
 from sigmax.running.saved import identity, restored, saved
+from sigmax.running.smooth import check_smoothed
 from sigmax.running.step import Innovation
 from sigmax.running.times import seconds_since, since, zero_of
 
@@ -74,6 +75,8 @@ class Live(LiveEstimate):
         self.filter, model, prior = joined(self._asked[0], now, prior)
         for own, part in modes_of(self.filter, model):
             warn_of_folding(own, part, prior, None)
+            if duration("lag", lag):
+                check_smoothed(own)
         layout = Layout.of(now, prior.mean.ndim == 2, self.filter.form.bias_first)
         self.layout = layout = layout._replace(filter=self._asked[0].name)
         self._biased, self._numbers, self._deviations = bool(layout.bias), layout.numbers, layout.deviations

@@ -18,7 +18,7 @@ from sigmax.running.covariances import covariances
 from sigmax.running.current import current_model
 from sigmax.running.functions import check_shapes, counted
 from sigmax.running.job import Parts, bind, empty_innovation, execute, one_step, record
-from sigmax.running.joining import check_update
+from sigmax.running.joining import check_named
 from sigmax.running.live_xla import advancing, begun
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.native_engine import started
@@ -62,7 +62,7 @@ class RowSteps:
         self.filter, self.dtype, self.backend = as_filter(filter), run_type(dtype), backend
         self._asked, model = model, current_model(model)
         check_one_mode(model, "a tracker")
-        check_update(self.filter, model)
+        check_named(self.filter, model)
         check_shapes(model, None, counted(model), self.dtype)
         if model.bias is not None:
             raise InputError(f"rows hold states alone, and {model} has a bias: give sigmax.models.augment(model)")

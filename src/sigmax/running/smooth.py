@@ -16,6 +16,7 @@ from sigmax.running import native_engine
 from sigmax.running.backend import attempt
 from sigmax.running.current import current_model
 from sigmax.running.half_steps import back_steps
+from sigmax.running.joining import modes_of
 from sigmax.running.layout import Layout
 from sigmax.running.packing import Packing
 from sigmax.running.prepare import as_filter, cast, laid_out_steps
@@ -59,6 +60,8 @@ def smooth(
     if not isinstance(result, Result):
         raise InputError(f"result must be what sigmax.run gave, it is {type(result).__name__}")
     chosen = as_filter(filter, model).on(model.biases)
+    for own, _ in modes_of(chosen, model):
+        check_smoothed(own)
     kept = result.kept()
     dtype = kept[0].dtype
     _check_layout(model, result.layout, chosen.form.bias_first)
@@ -75,6 +78,20 @@ def smooth(
     traced = is_traced((kept, model, elapsed, u))
     made = backwards(chosen, model, kept, elapsed, u, result.layout.batched, traced, backend)
     return Smoothed(result.layout, *made, stored_dt=result.stored_dt, stored_time=result.stored_time)
+
+
+def check_smoothed(filter: Filter) -> None:
+    """Refuse a filter whose estimates cannot be smoothed.
+
+    Raises:
+        InputError: where it considers components: its errors depend on all measurements by way of these, and a step
+            backwards takes them for those of a filter that has used all it was told.
+    """
+    if filter.consider:
+        raise InputError(
+            f"{filter.name} considers {', '.join(filter.consider)}, and smoothing takes every component as estimated: "
+            "run and smooth the same filter without consider="
+        )
 
 
 def backwards(

@@ -1,7 +1,7 @@
 """A prior from the first measurements, where there is none: least squares over the states that made them."""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -26,6 +26,25 @@ from sigmax.running.updating import there
 _RANK = 1e-6
 # Measurements that fit worse come in one of a million, or from the wrong valley of the sum of squares.
 _FIT = 1e-6
+
+
+class PoorFit(UserWarning):
+    """The first measurements lie farther from any state that was found than one time in a million."""
+
+
+class Undetermined(InputError):
+    """The first measurements leave components of the state open.
+
+    Attributes:
+        names: of these components.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = tuple(map(str, names))
+        super().__init__(
+            f"these measurements do not determine {', '.join(self.names)}: give more of them, or say in within= "
+            f"how far they may be from at=, such as within={{{self.names[0]!r}: 1.0}}"
+        )
 
 
 def start(
@@ -135,6 +154,7 @@ def _one(model: Model, z: dict[str, Any], dt: Any, u: Any, at: np.ndarray, known
         warnings.warn(
             f"the first {T} measurements fit badly: a sum of squares of {2 * fit.cost:.3g} where {count - d} is "
             "expected; another at= may lie nearer, or one of them is an outlier",
+            PoorFit,
             stacklevel=4,
         )
     mean, factor = last(fit.x, *given, np.linalg.qr(J, mode="r"))
@@ -154,11 +174,7 @@ def _check_rank(model: Model, J: np.ndarray, d: int) -> None:
     singular = np.concatenate([singular, np.zeros(d - len(singular))])
     open_ = rows[singular <= _RANK * singular.max(initial=0)]
     if len(open_):
-        names = [name for name, share in zip(model.deviations, (open_**2).sum(0), strict=True) if share > 0.05]
-        raise InputError(
-            f"these measurements do not determine {', '.join(map(str, names))}: give more of them, or say in within= "
-            f"how far they may be from at=, such as within={{{str(names[0])!r}: 1.0}}"
-        )
+        raise Undetermined([n for n, share in zip(model.deviations, (open_**2).sum(0), strict=True) if share > 0.05])
 
 
 @lru_cache(maxsize=32)

@@ -18,6 +18,7 @@ from sigmax.models.noise import Noise
 from sigmax.rules import Taylor1
 from sigmax.rules.charted import linearized
 from sigmax.rules.linearization import Linearization
+from sigmax.running.considering import considered, grown
 from sigmax.running.updating import ROUNDING, observing, there, update_on, updated
 from sigmax.spaces import reset
 
@@ -155,6 +156,7 @@ def correct(
         taken, whitened, Sy, weighed = updated(filter, update, observe, first, count)
     with jax.named_scope("the correction"):
         done = filter.form.correct(S, taken.line, taken.noise, taken.innovation)
+        done = considered(filter, model, S, taken, done)
     if whitened is None or Sy is None:
         whitened, Sy = done.whitened, done.innovation_factor
     factor = raised(done.factor, ROUNDING * float(np.finfo(x.dtype).eps) * jnp.abs(S).sum(1))
@@ -186,7 +188,7 @@ def correct(
     )
     if weighed is not None:
         # What is refused widens the belief, so that a filter that is wrong cannot refuse for ever.
-        belief = belief._replace(factor=S * jnp.where(heard & ~used, weighed.growth, 1))
+        belief = belief._replace(factor=grown(filter, model, S, jnp.where(heard & ~used, weighed.growth, 1)))
     return _keep(used, new, belief), told, jnp.where(count > 0, fault, 0)
 
 
