@@ -8,6 +8,57 @@ import typer
 from sigmax.signals import say_on_signal
 
 
+def track_command(
+    record: Annotated[
+        str,
+        typer.Argument(
+            help="A built-in record (see: sigmax records), a TOML file that describes your data, or autoferry:N.",
+            show_default=False,
+        ),
+    ],
+    filter: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--filter",
+            "-f",
+            help="NAME or NAME:parameter=value,…; may be repeated. Without it: what the record says.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for the results; a former one is replaced. Without it: runs/RECORD.",
+            show_default=False,
+        ),
+    ] = None,
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", help="Folder of a data set that does not come along: autoferry.", show_default=False),
+    ] = None,
+    prior: Annotated[
+        str | None,
+        typer.Option(
+            help='"from measurements": begin where the first ones say. Without it: what the record says.',
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Track a record with one or several filters and write estimates, summary and report.
+
+    Leaves estimates.parquet, summary.json and report.html in the folder; for plots without identities (a TOML
+    file with a table [tracking], or autoferry:N) tracks.parquet instead of the first.
+
+    Example: sigmax track plaza1 --filter EKF --filter SRUKFB:alpha=0.45,beta=2,kappa=-2 --out runs/try
+    """
+    say_on_signal("nothing was written")
+    from sigmax.cli.track import track_record
+
+    track_record(record, filter or [], out, data, prior)
+
+
 def terrain_command(
     map: Annotated[str, typer.Argument(help="jacksboro, or an .npz or GeoTIFF of your own.")] = "jacksboro",
     filter: Annotated[
