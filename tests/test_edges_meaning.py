@@ -1,6 +1,7 @@
 """What is given is taken for what it means, by its names and as it was when it was checked, or refused in words."""
 
 import pickle
+from itertools import product
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ import pytest
 
 import sigmax
 from sigmax import motions, sensors
+from tests.thinned import thinned
 
 FLAT = motions.constant_velocity(("x", "y"))
 PRIOR = sigmax.Gaussian([0.0, 0.0, 1.0, 1.0], np.eye(4))
@@ -43,8 +45,7 @@ RUNS = {
 }
 
 
-@pytest.mark.parametrize("backend", ["native", "xla"])
-@pytest.mark.parametrize("case", RUNS)
+@pytest.mark.parametrize(("case", "backend"), [*product(RUNS, ["native"]), *thinned(product(RUNS, ["xla"]), 4)])
 def test_a_record_is_smoothed_over_the_steps_it_was_run_with(case, backend):
     """With nothing but the result, pickled or not, as with dt and inputs given again; the caller's arrays change."""
     made, z, steps = RUNS[case]
