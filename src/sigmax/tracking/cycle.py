@@ -74,7 +74,7 @@ class Cycle:
         """No tracks yet."""
         branches = None
         if isinstance(self.associate, MultiHypothesis):
-            branches = Branches.begun(np.empty(0, int), self.associate.scans)
+            branches = Branches.begun(np.empty(0, int), self.associate.scans, self.birth)
         return State(lives.Tracks(None, self.modes.empty(), lives.none(len(self.layout.position))), 0, {}, branches)
 
     def checked(self, scan: Scan) -> Scan:
@@ -149,12 +149,12 @@ class Cycle:
             dof=float((after.share * pairs.made.dof)[own].sum()),
         )
         beliefs, life, branches = after.beliefs, after.life, after.branches
-        # What is decided of a track is decided by the branch that is reported, for all of them.
+        # What is decided of a track is decided by its branch in the likeliest hypothesis, for all of them.
         reported = beliefs.take(after.reported)
         main = life.take(after.reported)
         plot, nis = after.plot[after.reported], after.nis[after.reported]
         confirm, drop = self.rule(scan.time, main)
-        mean, cov = self.modes.moments(reported)
+        (mean, cov), weight = self.modes.moments(reported), reported.weight
         speed, deviation = self.layout.speed(mean, cov)
         drop |= speed - 3 * deviation > self.max_speed
         confirm &= speed <= self.max_speed
@@ -166,7 +166,8 @@ class Cycle:
         drop |= lives.duplicates(mean, cov, self.layout.position, main, self.merge)
         ended = np.concatenate([ended, main.id[drop]])
         stay = ~drop[after.track]
-        weight = reported.weight
+        if branches is not None:
+            mean, cov, weight = after.estimates(self.modes, branches.best)
         if drop.any():
             beliefs, life = beliefs.take(stay), life.take(stay)
             branches = None if branches is None else branches.take(stay)
@@ -181,10 +182,8 @@ class Cycle:
             if len(started.id):
                 fresh_mean, fresh_cov = self.modes.moments(born.beliefs)
                 if isinstance(self.associate, MultiHypothesis) and branches is not None:
-                    # What begins is there for certain: no other track may take its plot any more.
-                    others = branches.without(born.plot)
-                    beliefs, life = beliefs.take(others), life.take(others)
-                    branches = branches.take(others).joined(Branches.begun(born.plot, self.associate.scans))
+                    # Whether it is a target, and its plot is not another's, later scans decide.
+                    branches = branches.joined(Branches.begun(born.plot, self.associate.scans, self.birth))
                 beliefs, life, main = beliefs.joined(born.beliefs), life.joined(started), main.joined(started)
                 mean, cov = np.concatenate([mean, fresh_mean]), np.concatenate([cov, fresh_cov])
                 weight = np.concatenate([weight, born.beliefs.weight])

@@ -8,6 +8,7 @@ from sigmax.tracking.associate import Associate, Evidence
 from sigmax.tracking.branches import Branches, MultiHypothesis
 from sigmax.tracking.gate import Pairs
 from sigmax.tracking.life import Life
+from sigmax.tracking.mixture import merged, summed
 from sigmax.tracking.modes import Beliefs, Modes
 
 
@@ -17,12 +18,13 @@ class Followed(NamedTuple):
     Attributes:
         beliefs: what is known of each.
         life: the life of each.
-        share: the probability of each pair (K,); with branches, of what is reported.
+        share: the probability of each pair (K,).
         plot: the plot that most likely belongs to each, -1 for none (B,).
         nis: of that plot (B,), NaN for none.
         branches: what tells branches apart; None for tracks without any.
         reported: index of those that are reported, one of each track.
         track: the place among the reported of each one's track.
+        weight: the probability of each within its track (B,).
     """
 
     beliefs: Beliefs
@@ -33,6 +35,15 @@ class Followed(NamedTuple):
     branches: Branches | None
     reported: Any
     track: Any
+    weight: np.ndarray
+
+    def estimates(self, modes: Modes, best: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Means (T, n) and covariances (T, n, n) of tracks over their branches, and their modes (T, M)."""
+        count = int(best.sum())
+        mode = summed(self.weight[:, None] * self.beliefs.weight, self.track, count)
+        if not count:
+            return *modes.moments(self.beliefs), mode
+        return *merged(*modes.moments(self.beliefs), self.weight, self.track, count, modes.model.angular), mode
 
 
 def associated(
@@ -57,6 +68,7 @@ def associated(
         None,
         slice(None),
         slice(None),
+        np.ones(len(life.id)),
     )
 
 
@@ -74,22 +86,21 @@ def branched(
     """The branches of each track after a scan."""
     family = np.unique(life.id, return_inverse=True)[1]
     made = mht.children(e, family, branches)
-    hit = made.pair >= 0
-    of = made.pair[hit]
+    seen = made.pair >= 0
+    of = made.pair[seen]
     corrections = pairs.made.take(of)
-    plot, nis = np.full(len(hit), -1), np.full(len(hit), np.nan)
-    plot[hit], nis[hit] = pairs.plot[of], pairs.made.nis[of]
-    share = np.zeros(len(e.track))
-    share[made.pair[hit & made.branches.best]] = 1.0
+    plot, nis = np.full(len(seen), -1), np.full(len(seen), np.nan)
+    plot[seen], nis[seen] = pairs.plot[of], pairs.made.nis[of]
     return Followed(
-        modes.update(beliefs.take(made.parent), corrections, np.flatnonzero(hit), np.ones(len(of))),
-        life.take(made.parent).told(time, hit, chance[made.parent], made.existence),
-        share,
+        modes.update(beliefs.take(made.parent), corrections, np.flatnonzero(seen), np.ones(len(of))),
+        life.take(made.parent).told(time, made.hit, chance[made.parent], made.existence),
+        made.share,
         plot,
         nis,
         made.branches,
         np.flatnonzero(made.branches.best),
         family[made.parent],
+        made.weight,
     )
 
 
