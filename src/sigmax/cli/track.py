@@ -25,6 +25,8 @@ from sigmax.reports.verdict import best_of_heavy_tails, nis_in_words, significan
 
 # Seconds of a run that is repeated to find robust updates.
 _QUICK = 5.0
+# The last places of so many tracks are told.
+_PLACES = 5
 _COLOUR = {Grade.CONSISTENT: "green"} | dict.fromkeys(
     (Grade.NEAR, Grade.HEAVY, Grade.CAUTIOUS, Grade.UNKNOWN), "yellow"
 )
@@ -91,6 +93,8 @@ def track_record(
     console.print(f"\n[bold]{escape(headline)}[/bold]", highlight=False)
     for sentence in sentences:
         console.print(escape(sentence), highlight=False)
+    for sentence in _last_places(record, outcomes):
+        console.print(escape(sentence), highlight=False)
     if any(outcome.result is not None for outcome in outcomes):
         console.print(f"\nReport: {escape(str(folder / 'report.html'))}", highlight=False, soft_wrap=True)
     if not any(_worked(record, outcome) for outcome in outcomes):
@@ -126,6 +130,22 @@ def _propose(path: Path) -> NoReturn:
         file=sys.stderr,
     )
     raise SystemExit(WRONG_INPUT)
+
+
+def _last_places(record: Record, outcomes: Sequence[Outcome]) -> list[str]:
+    """Where tracks end on the Earth, by the first filter that gave a result."""
+    ran = next((outcome for outcome in outcomes if outcome.result is not None), None)
+    if record.placed is None or ran is None or ran.result is None:
+        return []
+    ends = np.asarray(ran.result.mean)[np.arange(len(record.tracks)), record.steps - 1][:_PLACES]
+    columns = record.placed.columns(ends)
+    told = []
+    for k, name in enumerate(record.tracks[:_PLACES]):
+        lat, lon = (float(columns[angle][0][k]) for angle in ("latitude", "longitude"))
+        height = f", {columns['height'][0][k]:.0f} m" if "height" in columns else ""
+        told.append(f"{name}: {lat:.6f}°, {lon:.6f}°{height}")
+    more = f"; and {len(record.tracks) - _PLACES} more" if len(record.tracks) > _PLACES else ""
+    return [f"The last place by {ran.trial.name} of {'; '.join(told)}{more}."]
 
 
 def _worked(record: Record, outcome: Outcome) -> bool:

@@ -125,13 +125,15 @@ class BiasPart(Section):
 
 
 class LocalPart(Section):
-    """Latitude and longitude, to be metres east and north of an origin; with a speed and a course, a velocity.
+    """Latitude and longitude, to be metres east and north of an origin; with a height, up; with speed and course, too.
 
-    Places farther from the origin than `within` count as not measured.
+    The frame is a plane at the origin, or "utm". Places farther from the origin than `within` count as not measured.
     """
 
     latitude: ColumnGiven
     longitude: ColumnGiven
+    height: ColumnGiven | None = None
+    frame: str = "plane"
     origin: list[Any] | None = None
     within: Any = None
     speed: ColumnGiven | None = None

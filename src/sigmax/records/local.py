@@ -1,4 +1,4 @@
-"""The table [local] of a description: latitude and longitude become columns in metres east and north."""
+"""The table [local] of a description: latitude, longitude and height become columns in metres."""
 
 import math
 from dataclasses import replace
@@ -6,31 +6,37 @@ from dataclasses import replace
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.earth import local_velocity, to_local
-from sigmax.records.description import Column, LocalPart
+from sigmax.records.built import Built
+from sigmax.records.description import Column, Description, LocalPart
+from sigmax.records.frame import Frame, Placed
 from sigmax.records.table import Table
 from sigmax.records.units import ANGLE, LENGTH, SPEED, quantity, to_si
 
 POSITION = ("local.east", "local.north")
+UP, DOWN = "local.up", "local.down"
 VELOCITY = ("local.velocity_east", "local.velocity_north")
+# Columns that this table makes.
+MADE = {*POSITION, UP, DOWN, *VELOCITY}
 # Beyond it the plane shortens lengths by more than a hundredth.
 FARTHEST, _EARTH = 900e3, 6371e3
 
 
 def with_local(table: Table, part: LocalPart | None) -> Table:
-    """The table with the columns local.east and local.north, and those of the velocity where a speed is described.
+    """The table with the columns local.east and local.north, and those of height and velocity where described.
 
     Raises:
         InputError: for latitudes and longitudes that are none, or lie too far from the origin for one plane.
     """
     if part is None:
         return table
-    numbers = {name: _angles(table, getattr(part, name), name) for name in ("latitude", "longitude")}
-    latitude, longitude = numbers.values()
-    origin = origin_of(part, latitude, longitude)
-    places = np.stack([latitude, longitude], axis=-1)
-    place = to_local(places, origin)
-    far = distance(latitude, longitude, origin)
+    latitude, longitude = (_angles(table, getattr(part, name), name) for name in ("latitude", "longitude"))
+    frame = frame_of(part, table)
+    numbers = [latitude, longitude]
+    if part.height is not None:
+        numbers.append(part.height.numbers(table) * to_si(part.height.unit, LENGTH, "local.height"))
+    places = np.stack(numbers, axis=-1)
+    place = frame.positions(places)
+    far = distance(latitude, longitude, frame.origin)
     within = FARTHEST if part.within is None else quantity(part.within, LENGTH, "local.within")
     if not 0 < within <= FARTHEST:
         raise InputError(
@@ -44,13 +50,15 @@ def with_local(table: Table, part: LocalPart | None) -> Table:
             "what is farther away counts as not measured"
         )
     place[far > within] = np.nan
-    more = dict(zip(POSITION, place.T, strict=True))
+    more = dict(zip(POSITION, place.T, strict=False))
+    if part.height is not None:
+        more |= {UP: place[:, 2], DOWN: -place[:, 2]}
     if (part.speed is None) != (part.course is None):
         raise InputError("local: speed and course belong together; give both or none")
     if part.speed is not None and part.course is not None:
         speed = part.speed.numbers(table) * to_si(part.speed.unit, SPEED, "local.speed")
         course = part.course.numbers(table) * to_si(part.course.unit, ANGLE, "local.course")
-        velocity = local_velocity(speed, course, places, origin)
+        velocity = frame.velocity(speed, course, places)
         velocity[far > within] = np.nan
         more |= dict(zip(VELOCITY, velocity.T, strict=True))
     return replace(table, columns=table.columns.assign(**more))
@@ -60,22 +68,65 @@ def local_columns(part: LocalPart | None) -> set[str]:
     """The columns of the file that it takes."""
     if part is None:
         return set()
-    return {c.column for c in (part.latitude, part.longitude, part.speed, part.course) if c is not None}
+    given = (part.latitude, part.longitude, part.height, part.speed, part.course)
+    return {c.column for c in given if c is not None}
 
 
-def origin_of(part: LocalPart, latitude: np.ndarray, longitude: np.ndarray) -> tuple[float, float]:
-    """The origin that is described, or the first place in the data; rad.
+def frame_of(part: LocalPart, table: Table) -> Frame:
+    """The frame of the columns that it makes.
+
+    Raises:
+        InputError: for a frame that is not known, and where there is no origin.
+    """
+    if part.frame not in ("plane", "utm"):
+        raise InputError(f'local.frame is "plane" or "utm"; it is {part.frame!r}')
+    latitude, longitude = (_angles(table, getattr(part, name), name) for name in ("latitude", "longitude"))
+    origin = origin_of(part, latitude, longitude)
+    if part.height is None:
+        return Frame(origin[:2], part.frame == "utm")
+    return Frame(origin if len(origin) == 3 else (*origin, 0.0), part.frame == "utm")
+
+
+def placed(description: Description, built: Built, table: Table) -> Placed | None:
+    """Which components of the state are what [local] makes, by a sensor of positions; None where there are none.
+
+    Raises:
+        InputError: for heights that no sensor measures.
+    """
+    part = description.local
+    if part is None:
+        return None
+    state = [str(name) for name in built.model.state]
+    for name, sensing in built.sensings.items():
+        if sensing.kind != "position":
+            continue
+        by_column = {c.column: state.index(str(k)) for k, c in description.sensors[name].columns.items()}
+        if not all(column in by_column for column in POSITION):
+            continue
+        third = next((column for column in (UP, DOWN) if column in by_column), None)
+        if part.height is not None and third is None:
+            raise InputError(
+                f"local.height is given, and sensors.{name} measures neither {UP} nor {DOWN}: a third axis of the "
+                "motion takes it; without one drop local.height, and places are those on the ground"
+            )
+        at = [by_column[column] for column in (*POSITION, third) if column is not None]
+        return Placed(frame_of(part, table), tuple(at), third == DOWN)
+    return None
+
+
+def origin_of(part: LocalPart, latitude: np.ndarray, longitude: np.ndarray) -> tuple[float, ...]:
+    """The origin that is described, rad and m, or the first place in the data, on the ellipsoid.
 
     Raises:
         InputError: where there is none.
     """
     if part.origin is not None:
-        if len(part.origin) != 2:
-            raise InputError(f"local.origin is a latitude and a longitude; it is {part.origin}")
-        lat, lon = (quantity(v, ANGLE, "local.origin") for v in part.origin)
+        if len(part.origin) not in (2, 3):
+            raise InputError(f"local.origin is a latitude and a longitude, and a height if wanted; it is {part.origin}")
+        lat, lon = (quantity(v, ANGLE, "local.origin") for v in part.origin[:2])
         if abs(lat) > math.pi / 2 or abs(lon) > 2 * math.pi:
             raise InputError(f'local.origin is no place: {part.origin}; degrees are written "52.1 deg"')
-        return lat, lon
+        return lat, lon, *(quantity(v, LENGTH, "local.origin") for v in part.origin[2:])
     whole = np.flatnonzero(~np.isnan(latitude) & ~np.isnan(longitude))
     if not len(whole):
         raise InputError("local: no row has a latitude and a longitude")
@@ -101,7 +152,7 @@ def _angles(table: Table, column: Column, name: str) -> np.ndarray:
     return values
 
 
-def distance(latitude: np.ndarray, longitude: np.ndarray, origin: tuple[float, float]) -> np.ndarray:
+def distance(latitude: np.ndarray, longitude: np.ndarray, origin: tuple[float, ...]) -> np.ndarray:
     """Metres on the ground from the origin to places (T,), to a hundredth."""
     at = np.sin(latitude) * math.sin(origin[0])
     at += np.cos(latitude) * math.cos(origin[0]) * np.cos(longitude - origin[1])

@@ -14,7 +14,7 @@ from sigmax.records.built import Built
 from sigmax.records.delays import Rows, undelayed
 from sigmax.records.description import Column, Description, TimeColumn, read_toml
 from sigmax.records.doubts import doubts
-from sigmax.records.local import with_local
+from sigmax.records.local import placed, with_local
 from sigmax.records.model import build
 from sigmax.records.prior import ALL_FROM, FROM, read_prior, search
 from sigmax.records.read_table import data_of
@@ -101,6 +101,7 @@ def _record(path: Path, description: Description) -> Record:
         doubts=doubts(description, built, table, *of_table),
         update_first=True,
         updates=built.updates,
+        placed=placed(description, built, table),
     )
     return made if found is None else from_measurements(made, *found)
 

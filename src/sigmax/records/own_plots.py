@@ -11,7 +11,7 @@ from sigmax.filters import Filter
 from sigmax.models.switching import SwitchingModel
 from sigmax.records.built import Built
 from sigmax.records.description import read_toml
-from sigmax.records.local import POSITION, VELOCITY, local_columns, with_local
+from sigmax.records.local import MADE, local_columns, placed, with_local
 from sigmax.records.located import locate
 from sigmax.records.model import build
 from sigmax.records.own import check_columns, columns, instants, measured_columns
@@ -93,7 +93,7 @@ def _record(path: Path, description: PlotDescription, part: TrackingPart) -> Plo
     used = {column.column for one in wanted.values() for column, _, _ in one}
     used |= {item.column.column for item in built.inputs}
     used |= local_columns(description.local)
-    used -= {*POSITION, *VELOCITY}
+    used -= MADE
     table, skipped = whole.readable(used, description.time.column, description.time.format)
     if not len(table):
         raise InputError(f"no row of {table.path.name} can be read; the first is {skipped[0]}")
@@ -121,6 +121,7 @@ def _record(path: Path, description: PlotDescription, part: TrackingPart) -> Plo
         skipped=(*skipped[:_QUOTED], *([more.strip()] if more else [])),
         source=description.source or description.data,
         licence=description.licence,
+        placed=placed(description, built, table),
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from sigmax.filters import Filter
+from sigmax.records.frame import Placed
 from sigmax.records.units import Dimension
 from sigmax.tracking import Cycle, Scan, Truth
 
@@ -29,6 +30,7 @@ class PlotRecord:
         source: where the data come from.
         licence: the terms they are under.
         notes: what a reader of the results should know.
+        placed: where the state lies on the Earth, or None.
     """
 
     name: str
@@ -45,3 +47,4 @@ class PlotRecord:
     source: str = ""
     licence: str = ""
     notes: tuple[str, ...] = ()
+    placed: Placed | None = None

@@ -10,6 +10,7 @@ import pandas as pd
 from sigmax.errors import InputError, unknown
 from sigmax.filters import BySensor, Filter, Update, get
 from sigmax.models import Gaussian, Model
+from sigmax.records.frame import Placed
 from sigmax.records.units import Dimension
 from sigmax.spaces import readable
 
@@ -75,6 +76,7 @@ class Record:
         bias_dimensions: of the components of the model's bias.
         update_first: whether the prior stands at the first time of each track, as in `sigmax.run`.
         updates: how sensors correct, by name, with filters that say nothing of it themselves.
+        placed: where the state lies on the Earth, or None.
     """
 
     name: str
@@ -101,6 +103,7 @@ class Record:
     bias_dimensions: tuple[Dimension, ...] = ()
     update_first: bool = False
     updates: Mapping[str, Update] = field(default_factory=dict)
+    placed: Placed | None = None
 
     @property
     def real(self) -> np.ndarray:

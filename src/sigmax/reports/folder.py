@@ -1,6 +1,7 @@
 """The folder of a run: all of it, or none of it."""
 
 import json
+import math
 import tempfile
 from collections.abc import Collection, Sequence
 from importlib.metadata import version
@@ -15,6 +16,7 @@ import sigmax
 from sigmax.errors import InputError
 from sigmax.leftovers import clear_leftovers
 from sigmax.records import Outcome, Record
+from sigmax.records.frame import Frame
 from sigmax.reports.grade import grade
 from sigmax.reports.page import page
 from sigmax.reports.replaced import replaced
@@ -116,8 +118,15 @@ def summary(record: Record, scores: Sequence[Score]) -> dict[str, Any]:
         "source": record.source,
         "licence": record.licence,
         "notes": list(record.notes),
+        "frame": None if record.placed is None else frame_in_numbers(record.placed.frame),
         "versions": versions(),
     }
+
+
+def frame_in_numbers(frame: Frame) -> dict[str, Any]:
+    """For JSON: which metres, and the origin in degrees, with a height in m where there is one."""
+    angles = [math.degrees(v) for v in frame.origin[:2]]
+    return {"metres": frame.name, "origin": [*angles, *frame.origin[2:]]}
 
 
 def _one(score: Score) -> dict[str, Any]:
@@ -171,6 +180,9 @@ def _estimates(path: Path, record: Record, outcomes: Sequence[Outcome]) -> None:
                 columns[one.name] = (pa.array(one.mean[real]), one.dimension.symbol)
                 columns[f"{one.name}_std"] = (pa.array(one.deviation[real]), one.dimension.symbol)
                 columns[f"{one.name}_truth"] = (pa.array(one.truth[real], from_pandas=True), one.dimension.symbol)
+            if record.placed is not None:
+                for name, (values, unit) in record.placed.columns(np.asarray(r.mean)[real]).items():
+                    columns.setdefault(name, (pa.array(values, from_pandas=True), unit))
             for k, mode in enumerate(r.modes):
                 columns[f"probability_{mode}"] = (pa.array(r.probability[real][:, k]), "")
             columns["nis"] = (pa.array(r.nis[real], from_pandas=True), "")

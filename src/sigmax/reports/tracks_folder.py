@@ -48,5 +48,8 @@ def _tracks(path: Path, run: Followed) -> None:
     for i, (name, dimension) in enumerate(zip(model.state, run.record.dimensions, strict=True)):
         columns[str(name)] = (pa.array(mean[:, i]), dimension.symbol)
         columns[f"{name}_std"] = (pa.array(deviation[:, i]), dimension.symbol)
+    if run.record.placed is not None:
+        for label, (values, unit) in run.record.placed.columns(mean).items():
+            columns.setdefault(label, (pa.array(values, from_pandas=True), unit))
     fields = [pa.field(n, c.type, metadata={"unit": unit}) for n, (c, unit) in columns.items()]
     parquet.write_table(pa.Table.from_arrays([c for c, _ in columns.values()], schema=pa.schema(fields)), path)

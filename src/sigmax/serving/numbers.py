@@ -109,6 +109,8 @@ class LocalRows:
     def __init__(self, part: LocalPart) -> None:
         if part.origin is None or len(part.origin) != 2:
             raise InputError('local.origin = ["52.1 deg", "4.3 deg"] is needed in a feed')
+        if part.height is not None or part.frame != "plane":
+            raise InputError('local: a feed takes latitude and longitude in a plane, without height and frame = "utm"')
         lat, lon = (quantity(v, ANGLE, "local.origin") for v in part.origin)
         self._origin = lat, lon
         self._within = FARTHEST if part.within is None else quantity(part.within, LENGTH, "local.within")

@@ -5,6 +5,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from sigmax.records import Backdrop, Record
+from sigmax.records.frame import Placed
 from sigmax.reports.figures.draw import (
     INK,
     MUTED,
@@ -43,10 +44,12 @@ def path_figure(record: Record, ran: Sequence[Shown], advised: int, apart: Colle
     if len(record.position) < 2:
         return None
     a, b = record.position[:2]
+    # Maps have north above.
+    if record.placed is not None:
+        a, b = record.placed.at[:2]
+    elif [str(record.model.state[i]) for i in (a, b)] == ["north", "east"]:
+        a, b = b, a
     names = [str(record.model.state[i]) for i in (a, b)]
-    if names == ["north", "east"]:
-        # Maps have north above.
-        a, b, names = b, a, ["east", "north"]
     backdrop = record.backdrop
     offset = np.zeros(1) if backdrop is None else backdrop.offset
 
@@ -82,6 +85,8 @@ def path_figure(record: Record, ran: Sequence[Shown], advised: int, apart: Colle
         x, y = (joined([placed(mean, i)[k, r] * scale for k, r in rows]) for i in (a, b))
         drawn = line(label, x, y, colour(index), *((1.8, 1.0) if index == advised else (1.0, 0.75)))
         # Filters that agree would lie on top of one another.
+        if record.placed is not None:
+            drawn |= _places_to_show(record.placed, mean, rows)
         data.append(drawn if index == advised or index in apart else drawn | {"visible": "legendonly"})
     for index, label, outcome in ran:
         if index == advised:
@@ -115,6 +120,14 @@ def path_figure(record: Record, ran: Sequence[Shown], advised: int, apart: Colle
             "height": 560,
         },
     }
+
+
+def _places_to_show(placed: Placed, mean: np.ndarray, rows: Sequence[tuple[int, np.ndarray]]) -> Figure:
+    """What the pointer shows of each point: latitude and longitude."""
+    degrees = np.degrees(placed.places(mean)[..., :2])
+    texts = [[f"{lat:.6f}°, {lon:.6f}°" for lat, lon in degrees[k, r].tolist()] for k, r in rows]
+    told = [text for track in texts for text in (*track, "")][:-1]
+    return {"text": told, "hovertemplate": "%{text}<br>%{x:.1f}, %{y:.1f}"}
 
 
 def _titled(name: str, origin: float, unit: str) -> str:
