@@ -13,7 +13,31 @@ import jax.numpy as jnp
 from sigmax.models.components import angle
 from sigmax.models.parts import Sensor, made_once
 from sigmax.models.quadratic import quadratic_function
+from sigmax.models.receivers import (
+    azimuth_elevation,
+    pseudorange,
+    pseudorange_rate,
+    range_bearing,
+    time_difference,
+    vehicle_range_bearing,
+)
 from sigmax.models.smooth import direction, length
+
+__all__ = [
+    "azimuth_elevation",
+    "bearing",
+    "camera_bearing",
+    "position",
+    "pseudorange",
+    "pseudorange_rate",
+    "quadratic",
+    "range_azimuth",
+    "range_bearing",
+    "range_only",
+    "relative_position",
+    "time_difference",
+    "vehicle_range_bearing",
+]
 
 
 @made_once

@@ -100,6 +100,12 @@ class SensorPart(Section):
     origin: list[Any] | None = None
     scale: str | None = None
     radial_velocity: bool = False
+    clock: str | None = None
+    system: str | None = None
+    earth: bool | None = None
+    reference: list[Any] | None = None
+    speed: Any = None
+    heading: str | None = None
     measurement: dict[str, str] | None = None
     inputs: dict[str, ColumnGiven] = Field(default_factory=dict)
     update: str | None = None

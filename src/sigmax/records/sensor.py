@@ -6,10 +6,11 @@ import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Update, named
-from sigmax.models import Sensor, sensors
+from sigmax.models import Sensor
 from sigmax.records.description import SensorPart
 from sigmax.records.motion import components
 from sigmax.records.noise import Deviations, read_noise_of_sensor
+from sigmax.records.sensor_kinds import dimension_of_input, places_of, ready_made
 from sigmax.records.units import ANGLE, LENGTH, SPEED, TIME, Dimension, quantity
 from sigmax.records.userfile import Functions, is_reference
 
@@ -42,7 +43,7 @@ class Sensing(NamedTuple):
     delay: float = 0.0
 
 
-_OPTIONS = {
+_OPTIONS: dict[str, set[str]] = {
     "position": {"at"},
     "velocity": {"at"},
     "relative_position": {"at"},
@@ -50,9 +51,37 @@ _OPTIONS = {
     "bearing": {"at", "origin"},
     "camera_bearing": {"at"},
     "range_azimuth": {"at", "origin", "radial_velocity"},
+    "pseudorange": {"at", "clock", "system", "earth"},
+    "pseudorange_rate": {"at", "clock"},
+    "time_difference": {"at", "origin", "reference", "speed"},
+    "azimuth_elevation": {"at", "origin"},
+    "range_bearing": {"at", "origin", "heading"},
+    "vehicle_range_bearing": {"at"},
 }
 KINDS = tuple(_OPTIONS)
-_MEASURED = {"range": LENGTH, "azimuth": ANGLE, "elevation": ANGLE, "bearing": ANGLE, "radial_velocity": SPEED}
+_CHOICES = (
+    "at",
+    "origin",
+    "scale",
+    "radial_velocity",
+    "measurement",
+    "clock",
+    "system",
+    "earth",
+    "reference",
+    "speed",
+    "heading",
+)
+_MEASURED = {
+    "range": LENGTH,
+    "azimuth": ANGLE,
+    "elevation": ANGLE,
+    "bearing": ANGLE,
+    "radial_velocity": SPEED,
+    "pseudorange": LENGTH,
+    "pseudorange_rate": SPEED,
+    "time_difference": TIME,
+}
 
 
 def read_sensor(
@@ -66,12 +95,12 @@ def read_sensor(
     own = is_reference(part.kind)
     if not own and part.kind not in KINDS:
         raise InputError(f"{where}.kind: {unknown('sensor', part.kind, KINDS)}; your own is written file.py:function")
-    for option in ("at", "origin", "scale", "radial_velocity", "measurement"):
+    for option in _CHOICES:
         allowed = {"measurement"} if own else _OPTIONS[part.kind]
         if getattr(part, option) not in (None, False) and option not in allowed:
             raise InputError(f"{where}.{option}: {'your own sensor' if own else part.kind} takes no {option!r}")
     seen = [f"v{name}" for name in position] if part.kind == "velocity" else list(position)
-    at = _places(part.at or seen, state, f"{where}.at")
+    at = places_of(part.at or seen, state, f"{where}.at")
     origin = None
     if own:
         made, dimensions, inputs = _own(part, where, functions)
@@ -82,12 +111,14 @@ def read_sensor(
             if len(part.origin) != len(at):
                 raise InputError(f"{where}.origin has {len(part.origin)} coordinates, the position {len(at)}")
             origin = tuple(quantity(v, LENGTH, f"{where}.origin") for v in part.origin)
-        elif part.kind in ("bearing", "range_azimuth") or (part.kind == "range_only" and not part.inputs):
+        elif part.kind in ("bearing", "range_azimuth", "azimuth_elevation") or (
+            part.kind == "range_only" and not part.inputs
+        ):
             origin = (0.0,) * len(at)
-        made = _builtin(part, where, at, origin, state)
+        made = ready_made(part, where, at, origin, state)
         plain = {"position": LENGTH, "relative_position": LENGTH, "velocity": SPEED}.get(part.kind)
         dimensions = {name: plain or _MEASURED[name] for name in made.measurement}
-        inputs = {name: ANGLE if "heading" in name else LENGTH for name in made.inputs}
+        inputs = {name: dimension_of_input(name) for name in made.inputs}
     R, deviations = read_noise_of_sensor(part.noise, dimensions, f"{where}.noise", functions)
     update = _update(part.update, f"{where}.update")
     delay = quantity(part.delay, TIME, f"{where}.delay")
@@ -105,45 +136,6 @@ def _update(given: str | None, where: str) -> Update | None:
         raise InputError(f"{where}: {error}") from error
     assert isinstance(update, Update)
     return update
-
-
-def _places(names: list[str], state: tuple[str, ...], where: str) -> tuple[int, ...]:
-    for name in names:
-        if name not in state:
-            raise InputError(f"{where}: {unknown('component', name, state)}")
-    return tuple(state.index(name) for name in names)
-
-
-def _builtin(
-    part: SensorPart, where: str, at: tuple[int, ...], origin: tuple[float, ...] | None, state: tuple[str, ...]
-) -> Sensor:
-    if part.kind in ("position", "velocity"):
-        return sensors.position(at, [state[i] for i in at])
-    if part.kind == "relative_position":
-        return sensors.relative_position(at, [state[i] for i in at])
-    if part.kind == "range_only":
-        scale = None if part.scale is None else _places([part.scale], state, f"{where}.scale")[0]
-        return sensors.range_only(at, origin, scale)
-    if part.kind in ("bearing", "camera_bearing") and len(at) != 2:
-        raise InputError(f"{where}.at must be two components; it is {[state[i] for i in at]}")
-    if part.kind == "bearing":
-        return sensors.bearing(at, origin or (0.0, 0.0))
-    if part.kind == "camera_bearing":
-        return sensors.camera_bearing(at)
-    if len(at) not in (2, 3):
-        raise InputError(
-            f"{where}.at must be two components, or three with an elevation; it is {[state[i] for i in at]}"
-        )
-    velocity = polar = None
-    if part.radial_velocity:
-        cartesian = [f"v{state[i]}" for i in at]
-        if all(name in state for name in cartesian):
-            velocity = [state.index(name) for name in cartesian]
-        elif len(at) == 2 and "speed" in state and "course" in state:
-            polar = [state.index("speed"), state.index("course")]
-        else:
-            raise InputError(f"{where}.radial_velocity needs speed and course, or {', '.join(cartesian)}, in the state")
-    return sensors.range_azimuth(at, origin or (0.0,) * len(at), velocity, polar)
 
 
 def _own(part: SensorPart, where: str, functions: Functions) -> tuple[Sensor, dict[str, Dimension], None]:
