@@ -28,6 +28,7 @@ _HOME = {
         "Gaussian",
         "Model",
         "angle",
+        "constrain",
         "direction",
         "earth",
         "extended_pose",
@@ -41,7 +42,7 @@ _HOME = {
         "sensors",
     ),
     "sigmax.models.builtin": ("builtin",),
-    "sigmax.running": ("Live", "Result", "fit", "run", "smooth", "start"),
+    "sigmax.running": ("Live", "Result", "constrained", "fit", "run", "smooth", "start"),
     "sigmax.studies": ("compare",),
     "sigmax.running.explain": ("explain",),
 }
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
         Gaussian,
         Model,
         angle,
+        constrain,
         direction,
         earth,
         extended_pose,
@@ -83,7 +85,7 @@ if TYPE_CHECKING:
         sensors,
     )
     from sigmax.models.builtin import builtin
-    from sigmax.running import Live, Result, fit, run, smooth, start
+    from sigmax.running import Live, Result, constrained, fit, run, smooth, start
     from sigmax.running.explain import explain
     from sigmax.studies import compare
 
@@ -100,6 +102,8 @@ __all__ = [
     "builtin",
     "catalogue",
     "compare",
+    "constrain",
+    "constrained",
     "direction",
     "doctor",
     "earth",

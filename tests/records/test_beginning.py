@@ -210,3 +210,24 @@ def test_the_prior_of_any_record_can_be_replaced() -> None:
     np.testing.assert_allclose(found.prior.mean[0], mean, rtol=1e-6)
     np.testing.assert_allclose(found.prior.cov[0], cov + np.diag([9.0, 0.0]), rtol=1e-5, atol=1e-7)
     assert found.z.shape == (1, 6, 1)
+
+
+def test_bounds_of_a_description_hold_and_are_checked(tmp_path: Path) -> None:
+    known = DRIFT.replace('prior = "from measurements"', "")
+    known += "[prior]\nx = { mean = 100, std = 1 }\nvx = { mean = -3, std = 1 }\n[bounds]\n"
+    bounded = load(written(tmp_path, known + 'vx = { low = "-9 km/h", high = 0 }\n'))
+    (constraint,) = bounded.model.constraints
+    assert constraint.low == (-2.5,)
+    assert constraint.high == (0.0,)
+    result = track(bounded, parse_trial("EKF")).result
+    assert result is not None
+    # The first row is where the prior stands; every prediction after it keeps the bounds.
+    assert (result.mean[:, 5:, 1] > -2.6).all()
+    for line, words in {
+        "vy = { low = 0 }": "unknown component 'vy'",
+        "vx = { low = 1, high = 0 }": "bounds.vx: a constraint lies between",
+        "vx = { }": "bounds.vx: a constraint has bounds",
+        'vx = { low = "3 m" }': "speed",
+    }.items():
+        with pytest.raises(InputError, match=words):
+            load(written(tmp_path, known + line))

@@ -4,6 +4,7 @@ from sigmax.models import earth, motions, navigation, sensors
 from sigmax.models.augment import augment
 from sigmax.models.bias import Bias
 from sigmax.models.components import angle, direction, extended_pose, part, pose2, pose3, rotation
+from sigmax.models.constraint import constrain
 from sigmax.models.derivatives import with_derivatives
 from sigmax.models.fusion import fused
 from sigmax.models.gaussian import Gaussian
@@ -25,6 +26,7 @@ __all__ = [
     "SwitchingModel",
     "angle",
     "augment",
+    "constrain",
     "direction",
     "earth",
     "extended_pose",

@@ -14,6 +14,7 @@ from sigmax.errors import InputError
 from sigmax.models.bias import joint
 from sigmax.models.checks import is_traced
 from sigmax.models.components import Components
+from sigmax.models.constraint import of_part
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of, arrays_of, by_value, dense_noise, takes
@@ -46,6 +47,7 @@ def augment(model: Model, first: bool = False) -> Model:
         components=_components(model.components, bias.names, first),
         Q=_noise(model.Q, bias.Q, at),
         R={s: _remembered(_of_state, R, at) if callable(R) else R for s, R in model.R.items()},
+        constraints=of_part(model.constraints, bias.size if first else 0, model.size),
         domain=None if model.domain is None else _remembered(_domain, model.domain, at),
         bias=None,
     )

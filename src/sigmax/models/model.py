@@ -98,6 +98,8 @@ class Model:
                     raise InputError(f"{what} names {sorted(extra)}, the sensors are {sorted(self.sensors)}")
         if bias is not None and not isinstance(bias, Bias):
             raise InputError(f"bias must be a sigmax.Bias, it is {type(bias).__name__}")
+        # What is known of every state: see `constrain`.
+        self.constraints: tuple[Any, ...] = ()
         # The blocks of sensors that are corrected together: see `fused`.
         self.fusion: tuple[Any, ...] | None = None
         seen_by = {s: self.measured_deviations(s) for s in self.sensors}

@@ -130,6 +130,13 @@ class BiasPart(Section):
     drift: Annotated[list[str], BeforeValidator(_as_list)] = Field(default_factory=list)
 
 
+class BoundPart(Section):
+    """What is known of a component of the state at all times."""
+
+    low: Any = None
+    high: Any = None
+
+
 class LocalPart(Section):
     """Latitude and longitude, to be metres east and north of an origin; with a height, up; with speed and course, too.
 
@@ -156,6 +163,7 @@ class Description(Section):
     sensors: dict[str, SensorPart] = Field(min_length=1)
     prior: Annotated[dict[str, Any], BeforeValidator(_as_prior)]
     bias: dict[str, BiasPart] = Field(default_factory=dict)
+    bounds: dict[str, BoundPart] = Field(default_factory=dict)
     table: str = ""
     header: list[str] = Field(default_factory=list)
     title: str = ""

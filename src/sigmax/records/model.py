@@ -11,6 +11,7 @@ from sigmax.errors import InputError, unknown
 from sigmax.models import Model, motions
 from sigmax.models.noise import takes
 from sigmax.records.bias import read_bias
+from sigmax.records.bounds import bounded
 from sigmax.records.built import Built, Input
 from sigmax.records.description import Column, Description, MotionPart
 from sigmax.records.modes import in_turns
@@ -28,7 +29,9 @@ def build(description: Description, folder: Path) -> Built:
     """
     functions = Functions(folder)
     if not description.modes:
-        return _of_one_mode(description, description.motion, "motion", functions)
+        return bounded(_of_one_mode(description, description.motion, "motion", functions), description.bounds)
+    if description.bounds:
+        raise InputError("bounds: modes would have to be weighed by them; bound a description with one [motion]")
     built = {
         name: _of_one_mode(description, mode.motion, f"modes.{name}.motion", functions)
         for name, mode in description.modes.items()

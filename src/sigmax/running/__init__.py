@@ -1,5 +1,6 @@
 """Running filters: a record or a batch in one call, live step by step, backwards, and for a fit."""
 
+from sigmax.running.constrained import constrained
 from sigmax.running.contributions import absorb, contribution
 from sigmax.running.filter_fit import FilterFit, fit_filter
 from sigmax.running.fit import Fit, fit
@@ -23,6 +24,7 @@ __all__ = [
     "Result",
     "Smoothed",
     "absorb",
+    "constrained",
     "contribution",
     "fit",
     "fit_filter",

@@ -9,7 +9,7 @@ import inspect
 import types
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import RLock
 from typing import Any
 
@@ -80,6 +80,7 @@ def current_model(model: Model) -> Model:
         motion=current(model.motion),
         sensors={s: current(h) for s, h in model.sensors.items()},
         domain=None if model.domain is None else current(model.domain),
+        constraints=tuple(replace(c, function=current(c.function)) for c in model.constraints),
         Q=_if_function(model.Q),
         R={s: _if_function(R) for s, R in model.R.items()},
     )

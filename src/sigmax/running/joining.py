@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.filters import BySensor, Filter, ModeFilters
+from sigmax.filters import Bank, BySensor, Filter, ModeFilters
 from sigmax.models.augment import with_bias
 from sigmax.models.checks import enough_memory, is_traced
 from sigmax.models.gaussian import Gaussian
@@ -35,6 +35,8 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
         prior = _on_space(model, prior)
     for own, part in modes_of(filter, model):
         check_named(own, part)
+        if part.constraints and part is not model:
+            raise InputError("modes would have to be weighed by the constraint: constrain one mode alone")
     tracks, n = len(prior.mean) if prior.mean.ndim == 2 else 1, model.size + model.biases
     enough_memory(f"a filter of {tracks} tracks", (2.0 * n + n * n) * tracks)
     filter = filter.on(model.biases)
@@ -60,6 +62,11 @@ def check_named(filter: Filter, model: Model) -> None:
             raise InputError(f"consider: {unknown('component', name, components)}")
     if filter.consider and len(filter.consider) == len(components):
         raise InputError(f"{filter.name} considers every component of {model}: it would estimate nothing")
+    if model.constraints and isinstance(filter, Bank):
+        raise InputError(
+            "members of a bank would have to be weighed by the constraint; run its members' filter, or constrain what "
+            "the bank found: sigmax.constrained"
+        )
     if not isinstance(filter.update, BySensor):
         return
     for sensor, _ in filter.update.updates:

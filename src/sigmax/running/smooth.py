@@ -64,7 +64,7 @@ def smooth(
         check_smoothed(own)
     kept = result.kept()
     dtype = kept[0].dtype
-    _check_layout(model, result.layout, chosen.form.bias_first)
+    check_layout(model, result.layout, chosen.form.bias_first)
     steps = kept[0].shape[-2]
     asked = times_of(t, None) if dt is None else dt
     elapsed, u = laid_out_steps(
@@ -116,7 +116,7 @@ def backwards(
     return made
 
 
-def _check_layout(model: Model, ran: Layout, bias_first: bool) -> None:
+def check_layout(model: Model, ran: Layout, bias_first: bool) -> None:
     """Refuse a model of other components than the run, and a filter that carries them in another order."""
     here = Layout.of(model, ran.batched, bias_first)
     for what, ours, theirs in (("state", here.state, ran.state), ("bias", here.bias, ran.bias)):

@@ -77,6 +77,8 @@ def start(
     """
     model = cast(current_model(model), np.float64)
     check_one_mode(model, "start")
+    if model.constraints:
+        raise InputError("start does not know constraints: find the start of the model without them")
     if model.bias is not None:
         raise InputError("start finds a state; write the bias into it: model = sigmax.models.augment(model)")
     measured = {s: np.asarray(v, float) for s, v in measurements_of(model, z).items()}

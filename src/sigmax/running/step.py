@@ -19,6 +19,7 @@ from sigmax.rules import Taylor1
 from sigmax.rules.charted import linearized
 from sigmax.rules.linearization import Linearization
 from sigmax.running.considering import considered, grown
+from sigmax.running.constraining import conditioned
 from sigmax.running.updating import ROUNDING, observing, there, update_on, updated
 from sigmax.spaces import reset
 
@@ -31,9 +32,10 @@ class Fault(IntEnum):
     Above 0 a half-step failed, and the state stays as it was before it. Below 0 the negative weights of a
     sigma set made a covariance indefinite: the half-step was done without their columns, which makes
     what the straight line misses too large, never too small; or one of several modes or members failed and the
-    others went on.
+    others went on; or a constraint could not be taken.
     """
 
+    CONSTRAINT_LEFT_OUT = -4
     MEMBER_FAILED = -3
     CORRECTION_WIDENED = -2
     PREDICTION_WIDENED = -1
@@ -53,6 +55,9 @@ class Fault(IntEnum):
 
 _POSITIVE = "take a set without them: alpha = 1 and kappa of at least 0, or cubature of degree 3"
 _MESSAGES = {
+    Fault.CONSTRAINT_LEFT_OUT: (
+        "a constraint was left out: its function is not finite there, or what is known exactly contradicts it"
+    ),
     Fault.MEMBER_FAILED: (
         "one of several modes or members failed and counts nothing until another changes into it or is split; run it "
         "alone to see why"
@@ -129,14 +134,16 @@ def predict(
     with jax.named_scope("the predicted covariance"):
         predicted, widened = _predicted(filter, line, Lq)
     new = _in_domain(model, Belief(line.mean, predicted.factor))
+    mean, factor, agreed = conditioned(filter, model, *new)
     with jax.named_scope("is it sound?"):
         fault = _first(
             (~_finite(line.mean, line.slope, line.residual), Fault.MOTION_NOT_FINITE),
             (~noise_sound, Fault.MOTION_NOISE_INDEFINITE),
             (~(predicted.sound & _finite(new.mean, new.factor)), Fault.PREDICTION_INDEFINITE),
             (widened, Fault.PREDICTION_WIDENED),
+            (~agreed, Fault.CONSTRAINT_LEFT_OUT),
         )
-        return _keep(fault <= 0, new, belief), fault
+        return _keep(fault <= 0, Belief(mean, factor), belief), fault
 
 
 def correct(

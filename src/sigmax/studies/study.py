@@ -120,6 +120,8 @@ class Study:
             if given is not None and np.shape(given) != (size,):
                 raise InputError(f"{self.name}: {what} must have the shape ({size},); it has {np.shape(given)}")
         if self.particles:
+            if self.model.constraints:
+                raise InputError(f"{self.name}: the optimum does not know constraints yet: particles=0")
             check_one_mode(self.model, "the optimum, which particles= asks for,")
             check_flat(self.model, "the optimum, which particles= asks for,")
         dt = numbers("dt", self.dt)
