@@ -11,6 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.algebra.kernel import kernel, like
+
 # Filters subtract nearly equal numbers for a living: double precision is the default of the library.
 jax.config.update("jax_enable_x64", True)
 # Handing a step of microseconds to another thread costs more than the step.
@@ -39,21 +41,25 @@ def total(terms: Sequence[jax.Array]) -> jax.Array:
     return sum(terms[1:], start=terms[0])
 
 
+@kernel(lambda M, v: like(M.shape[0], of=(M, v), core=(2, 1)))
 def times(M: jax.Array, v: jax.Array) -> jax.Array:
     """M v for M (r, k, ...) and v (k, ...): (r, ...)."""
     return total([M[:, k] * v[k] for k in range(M.shape[1])])
 
 
+@kernel(lambda A, B: like(A.shape[0], B.shape[1], of=(A, B), core=(2, 2)))
 def product(A: jax.Array, B: jax.Array) -> jax.Array:
     """A B for A (r, k, ...) and B (k, s, ...): (r, s, ...)."""
     return total([A[:, k, None] * B[None, k] for k in range(A.shape[1])])
 
 
+@kernel(lambda A, B: like(A.shape[0], B.shape[0], of=(A, B), core=(2, 2)))
 def outer(A: jax.Array, B: jax.Array) -> jax.Array:
     """A Bᵀ for A (r, k, ...) and B (s, k, ...): (r, s, ...); exactly symmetric when A is B."""
     return total([A[:, None, k] * B[None, :, k] for k in range(A.shape[1])])
 
 
+@kernel(lambda A, B: like(A.shape[1], B.shape[1], of=(A, B), core=(2, 2)))
 def inner(A: jax.Array, B: jax.Array) -> jax.Array:
     """Aᵀ B for A (k, r, ...) and B (k, s, ...): (r, s, ...); exactly symmetric when A is B."""
     return total([A[k, :, None] * B[k, None] for k in range(A.shape[0])])

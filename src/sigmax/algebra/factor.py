@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import outer
+from sigmax.algebra.arrays import outer, static
+from sigmax.algebra.kernel import kernel, like
 
 
 class Diagonal(NamedTuple):
@@ -26,9 +27,7 @@ def dense(M: Matrix) -> jax.Array:
     """M as an array (n, n, ...)."""
     if not isinstance(M, Diagonal):
         return M
-    n = M.entries.shape[0]
-    zero = jnp.zeros_like(M.entries[0])
-    return jnp.stack([jnp.stack([M.entries[i] if i == j else zero for j in range(n)]) for i in range(n)])
+    return jnp.where(static(np.eye(len(M.entries)), M.entries[:, None]) > 0, M.entries[:, None], 0)
 
 
 def identity(like: jax.Array) -> jax.Array:
@@ -40,8 +39,7 @@ def raised(L: Matrix, least: jax.Array) -> Matrix:
     """A triangle whose diagonal is nowhere below `least` (n, ...); to the last bit as it was where it is above."""
     if isinstance(L, Diagonal):
         return Diagonal(jnp.maximum(L.entries, least))
-    rows = [[L[i, j] if i != j else jnp.maximum(L[i, i], least[i]) for j in range(len(L))] for i in range(len(L))]
-    return jnp.stack([jnp.stack(row) for row in rows])
+    return jnp.where(static(np.eye(len(L)), L) > 0, jnp.maximum(L, least[:, None]), L)
 
 
 def safe_sqrt(a: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -61,6 +59,7 @@ def triangle(columns: list[jax.Array]) -> jax.Array:
     return jnp.stack([jnp.concatenate([zero] * j + [c]) if j else c for j, c in enumerate(columns)], axis=1)
 
 
+@kernel(lambda P: (like(*P.shape[:2], of=(P,), core=(2,)), like(of=(P,), core=(2,), dtype=bool)))
 def cholesky(P: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Factor of a positive semidefinite P (n, n, ...), and whether it is sound (...).
 
@@ -99,6 +98,7 @@ class Mirror(NamedTuple):
     sign: jax.Array
 
 
+@kernel(lambda A: like(A.shape[0], A.shape[0], of=(A,), core=(2,)))
 def tria(A: jax.Array) -> jax.Array:
     """Lower L (r, r, ...) with L Lᵀ = A Aᵀ for A (r, k, ...), k ≥ r, by Householder reflections.
 
@@ -147,6 +147,14 @@ class Absorbed(NamedTuple):
     rest: jax.Array
 
 
+def _absorbed(L: Matrix, A: jax.Array, B: jax.Array) -> Any:
+    (m, k), n, of = A.shape[:2], B.shape[0], (*jax.tree.leaves(L), A, B)
+    core = (1 if isinstance(L, Diagonal) else 2, 2, 2)
+    parts: Any = [like(*shape, of=of, core=core) for shape in ((m, m), (n, m), (n, k))]
+    return Absorbed(*parts)
+
+
+@kernel(_absorbed)
 def absorb(L: Matrix, A: jax.Array, B: jax.Array) -> Absorbed:
     """Reflect A (m, k, ...) into the triangle L, carrying the rows B (n, k, ...) along.
 
@@ -186,6 +194,7 @@ def downdate(L: jax.Array, V: jax.Array) -> tuple[jax.Array, jax.Array]:
     return less.factor, sound
 
 
+@kernel(lambda L, V, B: (_absorbed(L, V, B), like(of=(L, V, B), core=(2, 2, 2), dtype=bool)))
 def release(L: jax.Array, V: jax.Array, B: jax.Array) -> tuple[Absorbed, jax.Array]:
     """The opposite of `absorb`: [[L, V], [B, 0]] → [[factor, 0], [cross, rest]], and whether the factor exists (...).
 
@@ -218,6 +227,7 @@ def release(L: jax.Array, V: jax.Array, B: jax.Array) -> tuple[Absorbed, jax.Arr
     return Absorbed(whole[:n], whole[n:], V), sound
 
 
+@kernel(lambda L, b: like(*b.shape[: 1 + (b.ndim == L.ndim)], of=(L, b), core=(2, 1 + (b.ndim == L.ndim))))
 def solve_lower(L: jax.Array, b: jax.Array) -> jax.Array:
     """L⁻¹ b for a lower triangle L (m, m, ...) and b (m, ...) or (m, k, ...)."""
     wide = b.ndim == L.ndim
@@ -237,6 +247,7 @@ def pivoted(L: jax.Array) -> jax.Array:
     return L + dense(Diagonal(jnp.where(known, 1, 0).astype(L.dtype)))
 
 
+@kernel(lambda L: like(*L.shape[:2], of=(L,), core=(2,)))
 def inverse_lower(L: jax.Array) -> jax.Array:
     """L⁻¹ of a lower triangle L (n, n, ...)."""
     one = jnp.ones(L.shape[:1] + L.shape[2:], L.dtype)

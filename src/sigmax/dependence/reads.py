@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.algebra.kernel import kernels
 from sigmax.dependence.line import Call, Line, straightened
 from sigmax.native import Defect, Graph, Refused
 from sigmax.native.graph import Array, array_of, boxed, numbers_of
@@ -142,7 +143,9 @@ def reading(function: Callable[..., Any], n: int, rest: Sequence[Any] = (), dtyp
         return jnp.asarray(function(x, *others)).astype(dtype)
 
     specs = [jax.ShapeDtypeStruct(jnp.shape(a), jnp.result_type(a)) for a in rest]
-    line = straightened(jax.make_jaxpr(given)(jax.ShapeDtypeStruct((n,), dtype), *specs))
+    with kernels(False):
+        traced = jax.make_jaxpr(given)(jax.ShapeDtypeStruct((n,), dtype), *specs)
+    line = straightened(traced)
     g = Graph(dtype)
     opaque: dict[int, float] = {}
     hidden: dict[int, Masks] = {}

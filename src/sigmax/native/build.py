@@ -85,7 +85,7 @@ def _foundation() -> bytes:
     found = compiler()
     if found is None:
         raise Unavailable("there is no C compiler (looked for cc, gcc, clang and the package ziglang)")
-    headers = (_HERE / "lanes.h").read_text()
+    headers = "\n".join((_HERE / name).read_text() for name in ("lanes.h", "kernels.h"))
     return "\n".join([headers, *_FLAGS, *found.command, found.identity, processor()]).encode()
 
 

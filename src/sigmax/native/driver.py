@@ -13,6 +13,7 @@ import numpy as np
 
 from sigmax.native.build import load, load_all, remember, remembered
 from sigmax.native.emit import lanes_source
+from sigmax.native.loops import Loops, loops_in
 from sigmax.native.machine import cores, lane_bytes, vector_functions
 from sigmax.native.pieces import LARGEST, LARGEST_TABLES, Program
 from sigmax.native.refusal import Refused
@@ -26,10 +27,12 @@ class Step(NamedTuple):
     Attributes:
         address: of its C function.
         setup: what stays the same over all steps, from the parameters.
+        workspace: numbers of each lane that it needs room for.
     """
 
     address: int
     setup: Callable[[np.ndarray], np.ndarray]
+    workspace: int
 
 
 class Series(ctypes.Structure):
@@ -69,6 +72,7 @@ class Record(ctypes.Structure):
             for k in ("state", "total", "mean", "factor", "nis", "log_likelihood", "fault", "dof", "rest")
         ),
         ("moving_from", ctypes.c_long),
+        ("workspace", ctypes.c_long),
     ]
 
 
@@ -80,6 +84,7 @@ class Smoothing(ctypes.Structure):
         *((k, ctypes.c_void_p) for k in ("back", "c")),
         *((k, Series) for k in ("mean", "factor", "rest", "fault", "dt", "u")),
         *((k, ctypes.c_void_p) for k in ("new_mean", "new_factor", "new_rest", "failed")),
+        ("workspace", ctypes.c_long),
     ]
 
 
@@ -91,6 +96,7 @@ class Rows(ctypes.Structure):
         ("given", Series),
         ("size", ctypes.c_long),
         ("made", ctypes.c_void_p),
+        ("workspace", ctypes.c_long),
     ]
 
 
@@ -102,6 +108,7 @@ class Totals(ctypes.Structure):
         *((k, ctypes.c_long) for k in ("steps", "parts", "size")),
         ("part", ctypes.POINTER(Series)),
         ("sums", ctypes.c_void_p),
+        ("workspace", ctypes.c_long),
     ]
 
 
@@ -115,7 +122,7 @@ class Squares(ctypes.Structure):
 
 
 def steps(
-    programs: Sequence[tuple[str | None, Callable[[], Program]]], single: bool, alone: bool = False
+    programs: Sequence[tuple[str | None, Callable[[], Program | Loops]]], single: bool, alone: bool = False
 ) -> list[Step]:
     """Programs compiled side by side, each given by what makes it.
 
@@ -129,31 +136,37 @@ def steps(
     vectors = vector_functions(single)
     lanes = lane_bytes() // (4 if single else 8) if alone else 0
 
-    def source(fingerprint: str | None, make: Callable[[], Program]) -> str:
+    def source(fingerprint: str | None, make: Callable[[], Program | Loops]) -> str:
         name = None if fingerprint is None else f"{fingerprint}-{lane_bytes()}-{len(vectors)}-{lanes}"
         known = None if name is None else remembered(name)
         if known is None:
             program = make()
-            if program.operations > LARGEST:
+            if isinstance(program, Loops):
+                known = program.source
+            elif program.operations > LARGEST:
                 raise Refused(f"a half-step of {program.operations:,} operations, more than {LARGEST:,}")
-            numbers = sum(table.size for table in program.graph.tables)
-            if numbers > LARGEST_TABLES:
-                raise Refused(f"a half-step with tables of {numbers:,} numbers, more than {LARGEST_TABLES:,}")
-            known = lanes_source(program, vectors, lanes)
+            else:
+                known = _straight(program, vectors, lanes)
             if name is not None:
                 remember(name, known)
         return known
 
     sources = [(_DRIVER.read_text(), single, False, alone)]
-    sources += [(source(*program), single, True, alone) for program in programs]
+    sources += [(made, single, not loops_in(made), alone) for made in (source(*program) for program in programs)]
     _, *libraries = load_all(sources)
     return [_step(library, np.dtype(np.float32 if single else np.float64)) for library in libraries]
 
 
+def _straight(program: Program, vectors: Mapping[str, str], lanes: int) -> str:
+    numbers = sum(table.size for table in program.graph.tables)
+    if numbers > LARGEST_TABLES:
+        raise Refused(f"a half-step with tables of {numbers:,} numbers, more than {LARGEST_TABLES:,}")
+    return lanes_source(program, vectors, lanes)
+
+
 def _step(library: ctypes.CDLL, dtype: np.dtype[Any]) -> Step:
-    constants = library.constants
-    constants.restype = ctypes.c_long
-    size = constants()
+    library.constants.restype = library.workspace.restype = ctypes.c_long
+    size = library.constants()
 
     def setup(parameters: np.ndarray) -> np.ndarray:
         given, made = np.ascontiguousarray(parameters, dtype), np.empty(size, dtype)
@@ -162,7 +175,7 @@ def _step(library: ctypes.CDLL, dtype: np.dtype[Any]) -> Step:
 
     address = ctypes.cast(library.step, ctypes.c_void_p).value
     assert address is not None
-    return Step(address, setup)
+    return Step(address, setup, library.workspace())
 
 
 @cache

@@ -140,10 +140,10 @@ def _convert(g: Graph, equation: Any, a: Array) -> Array:
     return as_numbers(g, a) if before.kind == "b" else each(g, "!=")(a, g.constants(0.0))
 
 
-_COPIES = ("copy", "copy_p", "stop_gradient", "device_put", "optimization_barrier", "name", "pvary")
+SAME = ("copy", "copy_p", "stop_gradient", "device_put", "optimization_barrier", "name", "pvary")
 
 
-@rule(*_COPIES, parameters="name device devices srcs copy_semantics", moves=True)
+@rule(*SAME, parameters="name device devices srcs copy_semantics", moves=True)
 def _unchanged(g: Graph, equation: Any, *arrays: Array) -> Any:
     return list(arrays) if equation.primitive.multiple_results else arrays[0]
 
@@ -165,7 +165,13 @@ def reduced(g: Graph, combine: Callable[..., Array], start: Any, a: Array, axes:
     return a
 
 
-_REDUCTIONS = {
+# What acts on each element, of numbers of any type.
+EACH = frozenset(
+    {*_DIRECT, *TOTAL, "div", "rem", "and", "or", "xor", "not", "square", "rsqrt", "logistic", "integer_pow", "round"}
+    | {"clamp", "select_n", "convert_element_type", "reduce_precision"}
+)
+
+REDUCTIONS = {
     "reduce_sum": ("+", 0.0),
     "reduce_prod": ("*", 1.0),
     "reduce_max": ("max", -np.inf),
@@ -174,16 +180,16 @@ _REDUCTIONS = {
     "reduce_or": ("or", False),
     "reduce_xor": ("xor", False),
 }
-_REDUCED_TRUTH = {"reduce_max": ("or", False), "reduce_min": ("and", True)}
+REDUCED_TRUTH = {"reduce_max": ("or", False), "reduce_min": ("and", True)}
 
 
-@rule(*_REDUCTIONS, parameters="axes", integers=False)
+@rule(*REDUCTIONS, parameters="axes", integers=False)
 def _reduction(g: Graph, equation: Any, a: Array) -> Array:
     name = equation.primitive.name
     truth = equation.invars[0].aval.dtype == bool
     if truth and name in ("reduce_sum", "reduce_prod"):
         raise Refused(f"the operation {name!r} on truth values cannot be lowered to C")
-    operation, start = (_REDUCED_TRUTH if truth else {}).get(name, _REDUCTIONS[name])
+    operation, start = (REDUCED_TRUTH if truth else {}).get(name, REDUCTIONS[name])
     return reduced(g, each(g, operation), start, a, equation.params["axes"])
 
 

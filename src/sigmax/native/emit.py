@@ -25,7 +25,7 @@ def lanes_source(program: Program, vectors: Mapping[str, str], alone: int = 0) -
     `alone` lanes. Nothing else differs, so neither does a bit.
 
     It defines `constants()`, the number of values that stay the same; `setup(parameters, c)`, which
-    computes them; and `step(c, inputs…, outputs…)`.
+    computes them; `workspace()`, 0; and `step(c, shared, inputs…, outputs…)`, which does without one.
     """
     order = needed(program.results)
     read = [*program.results, *(a for n in order if not n.fixed for a in n.inputs)]
@@ -33,15 +33,20 @@ def lanes_source(program: Program, vectors: Mapping[str, str], alone: int = 0) -
     calls = sorted({OPERATIONS[n.operation].calls for n in order if n.operation in OPERATIONS} - {""})
     lines = [
         '#include "lanes.h"',
-        *(_library_function(name, vectors) for name in calls),
+        *(library_function(name, vectors) for name in calls),
     ]
     for number, table in enumerate(program.graph.tables):
         lines.append(f"static const R table_{number}[] = {{{', '.join(map(literal, table))}}};")
-    lines += [f"long constants(void) {{ return {max(len(kept), 1)}; }}", *_setup(kept)]
-    return "\n".join([*lines, *function(program, "step", _dialect(kept, vectors, alone))]) + "\n"
+    lines += [
+        f"long constants(void) {{ return {max(len(kept), 1)}; }}",
+        "long workspace(void) { return 0; }",
+        *_setup(kept),
+    ]
+    return "\n".join([*lines, *function(program, "step", dialect(kept, vectors, alone))]) + "\n"
 
 
-def _dialect(kept: Sequence[Node], vectors: Mapping[str, str], alone: int) -> Dialect:
+def dialect(kept: Sequence[Node], vectors: Mapping[str, str], alone: int) -> Dialect:
+    """How a graph is spelled over lanes, `kept` being what setup made; see `lanes_source`."""
     places = {n.index: i for i, n in enumerate(kept)}
 
     def fixed(node: Node) -> str | None:
@@ -55,9 +60,9 @@ def _dialect(kept: Sequence[Node], vectors: Mapping[str, str], alone: int) -> Di
         truth="M",
         linkage="static __attribute__((noinline))",
         entry="",
-        before=("const R *c", "c"),
-        spell=_spelled,
-        constant=_constant,
+        before=("const R *c, V *shared", "c, shared"),
+        spell=spelled,
+        constant=constant,
         fixed=fixed,
         input=lambda group, place: None,
         stored="v_number({})",
@@ -109,7 +114,8 @@ def _packed(
     return f"const L {name} = {symbol}({', '.join(packed)});", [f"K({name}[{i}])" for i in range(len(nodes))]
 
 
-def _library_function(name: str, vectors: Mapping[str, str]) -> str:
+def library_function(name: str, vectors: Mapping[str, str]) -> str:
+    """What makes a function of the mathematical library one of lanes."""
     two = "_2" if OPERATIONS[name].arity == 2 else ""
     return f"VECTOR{two}({name}, {vectors[name]})" if name in vectors else f"LANE_BY_LANE{two}({name})"
 
@@ -119,11 +125,11 @@ def _setup(kept: Sequence[Node]) -> list[str]:
     lines = ["void setup(const R *parameters, R *c) {"]
     names: dict[int, str] = {}
     for node in needed(kept):
-        names[node.index] = _constant(node) if node.known else f"t{node.index}"
+        names[node.index] = constant(node) if node.known else f"t{node.index}"
         if node.operation == "input":
             lines.append(f"V t{node.index} = K(parameters[{node.arguments[1]}]);")
         elif not node.known:
-            expression = _spelled(node, [names[a.index] for a in node.inputs])
+            expression = spelled(node, [names[a.index] for a in node.inputs])
             lines.append(f"{'M' if node.truth else 'V'} t{node.index} = {expression};")
     for i, node in enumerate(kept):
         value = f"v_number({names[node.index]})" if node.truth else names[node.index]
@@ -131,13 +137,15 @@ def _setup(kept: Sequence[Node]) -> list[str]:
     return [*lines, "(void)parameters; (void)c;", "}"]
 
 
-def _constant(node: Node) -> str:
+def constant(node: Node) -> str:
+    """A known number or truth value in all lanes."""
     if node.truth:
         return "ALL" if node.value else "(ALL ^ ALL)"
     return f"K({literal(node.value)})"
 
 
-def _spelled(node: Node, names: Sequence[str]) -> str:
+def spelled(node: Node, names: Sequence[str]) -> str:
+    """An operation on what has these names."""
     if node.operation == "table":
         return f"v_look_up(table_{node.arguments[0]}, {names[0]})"
     return OPERATIONS[node.operation].lanes.format(*names)

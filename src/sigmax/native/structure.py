@@ -2,10 +2,12 @@
 
 from typing import Any
 
+import jax
 import numpy as np
+from jax.extend.core import ClosedJaxpr
 
 from sigmax.native.graph import Array, Graph, boxed
-from sigmax.native.interpret import evaluate, evaluate_closed, evaluate_open, rule
+from sigmax.native.interpret import evaluate, evaluate_closed, rule
 from sigmax.native.refusal import Refused
 
 _LONGEST_LOOP = 10_000
@@ -94,18 +96,47 @@ _OF_CALLS = (
 )
 
 
-@rule(
+CALLS = (
     *("pjit", "jit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "custom_vjp_call_jaxpr"),
     *("remat", "checkpoint", "remat2", "composite"),
-    parameters=_OF_CALLS,
-    calls=True,
 )
+
+
+@rule(*CALLS, parameters=_OF_CALLS, calls=True)
 def _call(g: Graph, equation: Any, *arrays: Array) -> list[Array]:
+    return evaluate_closed(g, body_of(equation), arrays)
+
+
+def body_of(equation: Any) -> ClosedJaxpr:
+    """What a call calls.
+
+    Raises:
+        Refused: where it cannot be seen.
+    """
     p = equation.params
     inner = p.get("jaxpr", p.get("call_jaxpr", p.get("fun_jaxpr")))
     if inner is None:
         raise Refused(f"the call {equation.primitive.name!r}, whose body cannot be seen, cannot be lowered to C")
-    return evaluate_open(g, inner, [], arrays) if not hasattr(inner, "consts") else evaluate_closed(g, inner, arrays)
+    return inner if hasattr(inner, "consts") else ClosedJaxpr(inner, [])
+
+
+# Functions of the algebra that stay one operation in a trace, by `sigmax_` and their name; the body is a parameter.
+ALGEBRA = (
+    *("times", "product", "outer", "inner", "cholesky", "tria", "absorb", "release", "solve_lower"),
+    "inverse_lower",
+)
+
+
+@rule(*(f"sigmax_{name}" for name in ALGEBRA), parameters="function tree", calls=True)
+def _of_algebra(g: Graph, equation: Any, *arrays: Array) -> list[Array]:
+    return evaluate_closed(g, algebra_written_out(equation), arrays)
+
+
+def algebra_written_out(equation: Any) -> ClosedJaxpr:
+    """The body of a function of the algebra."""
+    p = equation.params
+    specs = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars]
+    return jax.make_jaxpr(lambda *leaves: p["function"](*jax.tree.unflatten(p["tree"], leaves)))(*specs)
 
 
 @rule("cond", parameters="branches", calls=True)

@@ -109,6 +109,7 @@ def record(
         pointer(state),
         *map(pointer, (out.total, out.mean, out.factor, out.nis, out.log_likelihood, out.fault, out.dof, out.rest)),
         moving_from,
+        max((part.step.workspace for part in parts.values()), default=0),
     )
 
 
@@ -165,6 +166,7 @@ def smoothing(
         series(dt, 0, dt.ndim == 2, True),
         EMPTY if u is None else series(u, 1, u.ndim == 3, True),
         *map(pointer, out),
+        back.step.workspace,
     )
 
 
@@ -176,6 +178,7 @@ def rows(part: BoundStep, given: np.ndarray, out: np.ndarray) -> Rows:
         series(given, 1, given.ndim == 2, False),
         out.shape[-1],
         pointer(out),
+        part.step.workspace,
     )
 
 

@@ -7,16 +7,20 @@ from typing import Any
 import jax
 import numpy as np
 
+from sigmax.algebra.kernel import kernels
 from sigmax.filters import Filter
 from sigmax.models.fusion import Fused
 from sigmax.models.model import Model
-from sigmax.native import Graph, Program, evaluate
+from sigmax.native import Graph, Program
 from sigmax.native.driver import Step, driver, steps
 from sigmax.native.fingerprint import fingerprint
 from sigmax.native.graph import Array, array_of
+from sigmax.native.loops import Loops
+from sigmax.running import traced
 from sigmax.running.fusing import with_members_live
 from sigmax.running.half_steps import back_steps, half_steps
 from sigmax.running.packing import Packing
+from sigmax.running.traced import Traced
 
 # What `correct` tells, in the order of record.c.
 TOLD = ("nis", "log_likelihood", "dof", "fault")
@@ -34,6 +38,7 @@ class Lowered:
         alone: whether they are for a single track: the same bits in less time.
         numbers: the model's arrays of numbers where they are to be constants of the programs, else
             they are parameters.
+        longest: about how many scalar operations a half-step may have to be a straight line; a longer one is loops.
     """
 
     def __init__(
@@ -45,9 +50,10 @@ class Lowered:
         dtype: Any,
         alone: bool = False,
         numbers: Sequence[np.ndarray] | None = None,
+        longest: float = traced.LONGEST,
     ) -> None:
         self.filter, self.structure, self.inputs, self.dtype = filter, structure, inputs, np.dtype(dtype)
-        self._alone, self._numbers = alone, numbers
+        self._alone, self._numbers, self._longest = alone, numbers, longest
         self.zeros = [np.array(pattern).reshape(shape) for shape, pattern in zeros]
         self.packing = Packing.of(filter, self._model([np.zeros(z.shape) for z in self.zeros]))
         self._made: dict[tuple[Any, ...], Step] = {}
@@ -61,7 +67,7 @@ class Lowered:
         """
         missing = [part for part in parts if part not in self._made]
         if missing:
-            programs = [(self._fingerprint(part), partial(self.program, *part)) for part in missing]
+            programs = [(self._fingerprint(part), partial(self._chosen, *part)) for part in missing]
             self._made |= zip(missing, steps(programs, self.dtype == np.float32, self._alone), strict=True)
         return [self._made[part] for part in parts]
 
@@ -71,19 +77,26 @@ class Lowered:
         return driver(self.dtype == np.float32, self._alone)
 
     def program(self, part: str, *about: Any) -> Program:
-        """One part of the filter, lowered: see `need`.
+        """One part of the filter as a straight line: see `need`.
 
         Raises:
             Refused: for what cannot be lowered.
         """
-        made: Program = getattr(self, f"_{part}")(*about)
+        return self._traced(part, *about).straight()
+
+    def _traced(self, part: str, *about: Any) -> Traced:
+        made: Traced = getattr(self, f"_{part}")(*about)
         return made
+
+    def _chosen(self, part: str, *about: Any) -> Program | Loops:
+        """One part of the filter as it is compiled; what runs but once in the least time."""
+        return self._traced(part, *about).chosen(self._longest / (10 if part == "start" else 1))
 
     def _fingerprint(self, part: tuple[Any, ...]) -> str | None:
         """What a part is compiled from, or None where that cannot be told."""
         zeros = [(z.shape, z.tobytes()) for z in self.zeros]
         model = vars(self._model([np.zeros(z.shape) for z in self.zeros]))
-        return fingerprint(part, self.filter, model, zeros, self.inputs, str(self.dtype))
+        return fingerprint(part, self.filter, model, zeros, self.inputs, str(self.dtype), self._longest)
 
     def parameters(self, model: Model) -> np.ndarray:
         """The model's numbers in one row, as the compiled steps take them."""
@@ -95,8 +108,8 @@ class Lowered:
 
     def _program(
         self, function: Callable[..., Any], inputs: dict[str, list[Array]], g: Graph, made: Callable[..., Any]
-    ) -> Program:
-        """Trace a function of the model's numbers and of the inputs, and evaluate it over scalars."""
+    ) -> Traced:
+        """Trace a function of the model's numbers and of the inputs."""
         noises, place = [], 0
         for zero in self.zeros if self._numbers is None else ():
             symbols = array_of(
@@ -108,10 +121,9 @@ class Lowered:
         arrays = [*noises, *(a for group in inputs.values() for a in group)]
         specs = [jax.ShapeDtypeStruct(a.shape, self.dtype) for a in arrays]
         count = len(noises)
-        traced = jax.make_jaxpr(lambda *a: function(self._model(a[:count]), *a[count:]))(*specs)
-        # Constants are folded to what the compiled code would compute, infinities and all.
-        with np.errstate(all="ignore"):
-            return Program(g, tuple(inputs), made(evaluate(g, traced, arrays)))
+        with kernels():
+            closed = jax.make_jaxpr(lambda *a: function(self._model(a[:count]), *a[count:]))(*specs)
+        return Traced(g, tuple(inputs), closed, arrays, made)
 
     def _given(self, g: Graph, *shapes: tuple[int, ...]) -> list[Array]:
         """Arrays of inputs that follow each other in one group."""
@@ -119,7 +131,7 @@ class Lowered:
         bounds = np.cumsum([int(np.prod(s)) for s in shapes])[:-1]
         return [part.reshape(shape) for part, shape in zip(np.split(flat, bounds), shapes, strict=True)]
 
-    def _start(self) -> Program:
+    def _start(self) -> Traced:
         """Mean and covariance, row by row below the diagonal -> belief, and whether it is one."""
         g = Graph(self.dtype)
         n = self.packing.n
@@ -137,7 +149,7 @@ class Lowered:
 
         return self._program(function, {"given": [mean, cov]}, g, made)
 
-    def _predict(self) -> Program:
+    def _predict(self) -> Traced:
         g = Graph(self.dtype)
 
         def function(model: Model, *given: Any) -> Any:
@@ -151,7 +163,7 @@ class Lowered:
             function, inputs, g, lambda out: {"next": self.packing.nodes(out[:-1]), "told": [out[-1][()]]}
         )
 
-    def _correct(self, sensor: str, size: int, together: Callable[[Any, Any], Fused] | None = None) -> Program:
+    def _correct(self, sensor: str, size: int, together: Callable[[Any, Any], Fused] | None = None) -> Traced:
         """A measurement (m,), or what several sensors measured, put together before: (z, u) -> the one it makes."""
         g = Graph(self.dtype)
 
@@ -184,7 +196,7 @@ class Lowered:
             lambda out: {"next": self.packing.nodes(out[:-told]), "told": [x for a in out[-told:] for x in a.flat]},
         )
 
-    def _back(self) -> Program:
+    def _back(self) -> Traced:
         """A step of the smoother: the filtered state, the smoothed later one -> the smoothed one."""
         g = Graph(self.dtype)
 
@@ -204,8 +216,10 @@ class Lowered:
 
 
 @lru_cache(maxsize=256)
-def _lowered(filter: Filter, structure: Any, zeros: tuple[Any, ...], inputs: int, dtype: Any, alone: bool) -> Lowered:
-    return Lowered(filter, structure, zeros, inputs, dtype, alone)
+def _lowered(
+    filter: Filter, structure: Any, zeros: tuple[Any, ...], inputs: int, dtype: Any, alone: bool, longest: float
+) -> Lowered:
+    return Lowered(filter, structure, zeros, inputs, dtype, alone, longest=longest)
 
 
 def lowered(
@@ -213,7 +227,7 @@ def lowered(
 ) -> Lowered:
     """The compiled half-steps for a model, shared by models that differ in the numbers of their noises alone."""
     leaves, structure = jax.tree.flatten(model)
-    return _lowered(filter, structure, _zeros(leaves, known_zeros), inputs, np.dtype(dtype), alone)
+    return _lowered(filter, structure, _zeros(leaves, known_zeros), inputs, np.dtype(dtype), alone, traced.LONGEST)
 
 
 def with_numbers(filter: Filter, model: Model, inputs: int, dtype: Any) -> Lowered:

@@ -72,7 +72,16 @@ def totals(function: Callable[..., Any], *arrays: np.ndarray, backend: str | Non
         sums = np.zeros((T, sum(sizes), lane_bytes() // 8))
         parts = (Series * len(given))(*(series(a, a.ndim - 2, True, True) for a in given))
         part = without_numbers(step)
-        job = Totals(part.step.address, pointer(part.constants), T, len(given), sum(sizes), parts, pointer(sums))
+        job = Totals(
+            part.step.address,
+            pointer(part.constants),
+            T,
+            len(given),
+            sum(sizes),
+            parts,
+            pointer(sums),
+            part.step.workspace,
+        )
         driver(False)["totals"](ctypes.addressof(job), 0, B)
         split = np.split(sums.sum(-1), np.cumsum(sizes)[:-1], axis=1)
         return tuple(part.reshape(T, *shape) for part, shape in zip(split, made_shapes, strict=True))

@@ -2,8 +2,28 @@
    (track first). The functions `predict`, `correct` and `back` are lowered ones. */
 #include "lanes.h"
 
-typedef void (*Step)(const R *c, const V *state, const V *given, V *next, V *told);
-typedef void (*Back)(const R *c, const V *state, const V *later, const V *given, V *next, V *told);
+#include <pthread.h>
+#include <stdlib.h>
+
+/* Room for so many numbers of each lane: one block a thread, which lasts as long as the thread and is used again. */
+static pthread_key_t block_of_thread;
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static void begin(void) { pthread_key_create(&block_of_thread, free); }
+static V *room(long count) {
+    const size_t head = 64, size = (size_t)count * sizeof(V);
+    pthread_once(&once, begin);
+    void *block = pthread_getspecific(block_of_thread);
+    if (!block || *(size_t *)block < size) {
+        free(block);
+        if (posix_memalign(&block, head, head + size)) abort();
+        *(size_t *)block = size;
+        pthread_setspecific(block_of_thread, block);
+    }
+    return (V *)((char *)block + head);
+}
+
+typedef void (*Step)(const R *c, V *w, const V *state, const V *given, V *next, V *told);
+typedef void (*Back)(const R *c, V *w, const V *state, const V *later, const V *given, V *next, V *told);
 
 /* An array whose element for a track and step lies at data[track * per_track + step * per_step]. */
 typedef struct {
@@ -36,6 +56,7 @@ typedef struct {
     long long *dof;
     R *rest; /* what stands behind mean and factor in a row */
     long moving_from; /* the first step that is predicted: 1 where the state given is that of the first */
+    long workspace;   /* numbers of each lane that the steps need room for */
 } Record;
 
 /* The elements of the tracks from `first` on, a lane each; behind the last track its elements are repeated. */
@@ -71,11 +92,13 @@ void record(const Record *r, long first, long end) {
     long widest = 1;
     for (long s = 0; s < r->sensors; s++)
         if (r->sensor[s].z.size > widest) widest = r->sensor[s].z.size;
-    V buffers[2][r->size], given[1 + widest + r->u.size], told[RESIDUAL + widest * (widest + 1)];
+    const long inputs = 1 + widest + r->u.size, said = RESIDUAL + widest * (widest + 1);
+    V *const buffers = room(2 * r->size + inputs + said + r->workspace);
+    V *const given = buffers + 2 * r->size, *const told = given + inputs, *const w = told + said;
     const V missing = K(__builtin_nan(""));
     for (; first < end; first += W) {
         const int lanes = first + W <= end ? W : (int)(end - first);
-        V *now = buffers[0], *next = buffers[1], total = K(0);
+        V *now = buffers, *next = buffers + r->size, total = K(0);
         const Series start = {r->state, r->size, r->size, 0};
         gather(&start, first, end, 0, now);
         for (long t = 0; t < r->steps; t++) {
@@ -83,7 +106,7 @@ void record(const Record *r, long first, long end) {
             if (r->predict && t >= r->moving_from) {
                 gather(&r->dt, first, end, t, given);
                 gather(&r->u, first, end, t, given + 1);
-                r->predict(r->c, now, given, next, told);
+                r->predict(r->c, w, now, given, next, told);
                 fault = told[0];
                 swapped = now, now = next, next = swapped;
             }
@@ -98,7 +121,7 @@ void record(const Record *r, long first, long end) {
                 }
                 if (v_any(heard)) {
                     gather(&r->u, first, end, t, given + m);
-                    sensor->correct(sensor->c, now, given, next, told);
+                    sensor->correct(sensor->c, w, now, given, next, told);
                     swapped = now, now = next, next = swapped;
                     nis += v_select(v_less(K(0), told[DOF]), told[NIS], K(0));
                     dof += told[DOF];
@@ -141,6 +164,7 @@ typedef struct {
     Series mean, factor, rest, fault, dt, u; /* filtered, of all steps; a fault as a number */
     R *new_mean, *new_factor, *new_rest;
     signed char *failed;
+    long workspace;
 } Smoothing;
 
 static void put_smoothed(const Smoothing *s, const V *state, V failed, long first, int lanes, long t) {
@@ -165,10 +189,12 @@ static void gather_state(const Smoothing *s, long first, long end, long t, V *wi
 
 /* Backwards over the tracks [first, end). `given` is dt, inputs and the fault of the later step. */
 void backwards(const Smoothing *s, long first, long end) {
-    V buffers[2][s->size], state[s->size], wide[s->n * s->n], given[2 + s->u.size], told[1];
+    V *const buffers = room(3 * s->size + s->n * s->n + 3 + s->u.size + s->workspace);
+    V *const state = buffers + 2 * s->size, *const wide = state + s->size, *const given = wide + s->n * s->n;
+    V *const told = given + 2 + s->u.size, *const w = told + 1;
     for (; first < end; first += W) {
         const int lanes = first + W <= end ? W : (int)(end - first);
-        V *later = buffers[0], *next = buffers[1];
+        V *later = buffers, *next = buffers + s->size;
         gather_state(s, first, end, s->steps - 1, wide, later);
         put_smoothed(s, later, K(0), first, lanes, s->steps - 1);
         for (long t = s->steps - 2; t >= 0; t--) {
@@ -176,7 +202,7 @@ void backwards(const Smoothing *s, long first, long end) {
             gather(&s->dt, first, end, t + 1, given);
             gather(&s->u, first, end, t + 1, given + 1);
             gather(&s->fault, first, end, t + 1, given + 1 + s->u.size);
-            s->back(s->c, state, later, given, next, told);
+            s->back(s->c, w, state, later, given, next, told);
             V *swapped = later;
             later = next, next = swapped;
             put_smoothed(s, later, told[0], first, lanes, t);
@@ -210,7 +236,7 @@ void squares(const Squares *s, long first, long end) {
     }
 }
 
-typedef void (*Map)(const R *c, const V *given, V *made, V *told);
+typedef void (*Map)(const R *c, V *w, const V *given, V *made, V *told);
 
 typedef struct {
     Map map;
@@ -218,15 +244,17 @@ typedef struct {
     Series given;
     long size;
     R *made;
+    long workspace;
 } Rows;
 
 /* A step applied to each row of an array. */
 void rows(const Rows *r, long first, long end) {
-    V given[r->given.size], made[r->size], told[1];
+    V *const given = room(r->given.size + r->size + 1 + r->workspace), *const made = given + r->given.size;
+    V *const told = made + r->size, *const w = told + 1;
     for (; first < end; first += W) {
         const int lanes = first + W <= end ? W : (int)(end - first);
         gather(&r->given, first, end, 0, given);
-        r->map(r->c, given, made, told);
+        r->map(r->c, w, given, made, told);
         for (int lane = 0; lane < lanes; lane++) put(made, r->size, lane, r->made + (first + lane) * r->size);
     }
 }
@@ -240,20 +268,22 @@ typedef struct {
     long steps, parts, size;
     const Series *part; /* what it is given, one after the other */
     U *sums;            /* (steps, size), a lane each; added to */
+    long workspace;
 } Totals;
 
 /* A function of what arrays hold of a track and step, added up by step over the tracks [first, end). */
 void totals(const Totals *s, long first, long end) {
     long wide = 0;
     for (long p = 0; p < s->parts; p++) wide += s->part[p].size;
-    V given[wide], made[s->size], told[1], lane;
+    V *const given = room(wide + s->size + 1 + s->workspace), *const made = given + wide, *const told = made + s->size;
+    V *const w = told + 1, lane;
     for (int i = 0; i < W; i++) lane[i] = i;
     for (; first < end; first += W) {
         const M there = v_less(lane, K((R)(end - first)));
         for (long t = 0; t < s->steps; t++) {
             V *to = given;
             for (long p = 0; p < s->parts; to += s->part[p++].size) gather(s->part + p, first, end, t, to);
-            s->map(s->c, given, made, told);
+            s->map(s->c, w, given, made, told);
             U *sum = s->sums + t * s->size;
             for (long i = 0; i < s->size; i++) sum[i] += v_select(there, made[i], K(0));
         }
