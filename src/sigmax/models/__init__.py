@@ -5,6 +5,7 @@ from sigmax.models.augment import augment
 from sigmax.models.bias import Bias
 from sigmax.models.components import angle, direction, extended_pose, part, pose2, pose3, rotation
 from sigmax.models.constraint import constrain
+from sigmax.models.correlated import after, correlated, shifted
 from sigmax.models.derivatives import with_derivatives
 from sigmax.models.fusion import fused
 from sigmax.models.gaussian import Gaussian
@@ -24,9 +25,11 @@ __all__ = [
     "Motion",
     "Sensor",
     "SwitchingModel",
+    "after",
     "angle",
     "augment",
     "constrain",
+    "correlated",
     "direction",
     "earth",
     "extended_pose",
@@ -43,5 +46,6 @@ __all__ = [
     "rotation",
     "sde",
     "sensors",
+    "shifted",
     "with_derivatives",
 ]
