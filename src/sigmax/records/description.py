@@ -153,6 +153,18 @@ class LocalPart(Section):
     course: ColumnGiven | None = None
 
 
+class TablePart(Section):
+    """Another table, whose columns are called NAME.column: its file, its clock, and how much that is ahead."""
+
+    time: TimeGiven
+    data: str = ""
+    table: str = ""
+    header: list[str] = Field(default_factory=list)
+    track: str | None = None
+    ahead: Any = 0
+    local: LocalPart | None = None
+
+
 class Description(Section):
     """All of it; the README of the format is docs/bring-your-own-data.md."""
 
@@ -166,6 +178,7 @@ class Description(Section):
     bounds: dict[str, BoundPart] = Field(default_factory=dict)
     table: str = ""
     header: list[str] = Field(default_factory=list)
+    tables: dict[str, TablePart] = Field(default_factory=dict)
     title: str = ""
     track: str | None = None
     decimal: str = "."

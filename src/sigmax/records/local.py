@@ -21,8 +21,10 @@ MADE = {*POSITION, UP, DOWN, *VELOCITY}
 FARTHEST, _EARTH = 900e3, 6371e3
 
 
-def with_local(table: Table, part: LocalPart | None) -> Table:
+def with_local(table: Table, part: LocalPart | None, frame: Frame | None = None) -> Table:
     """The table with the columns local.east and local.north, and those of height and velocity where described.
+
+    The frame is that of another table, or described.
 
     Raises:
         InputError: for latitudes and longitudes that are none, or lie too far from the origin for one plane.
@@ -30,7 +32,8 @@ def with_local(table: Table, part: LocalPart | None) -> Table:
     if part is None:
         return table
     latitude, longitude = (_angles(table, getattr(part, name), name) for name in ("latitude", "longitude"))
-    frame = frame_of(part, table)
+    if frame is None or part.origin is not None:
+        frame = frame_of(part, table)
     numbers = [latitude, longitude]
     if part.height is not None:
         numbers.append(part.height.numbers(table) * to_si(part.height.unit, LENGTH, "local.height"))
@@ -87,30 +90,31 @@ def frame_of(part: LocalPart, table: Table) -> Frame:
     return Frame(origin if len(origin) == 3 else (*origin, 0.0), part.frame == "utm")
 
 
-def placed(description: Description, built: Built, table: Table) -> Placed | None:
+def placed(description: Description, built: Built, frame: Frame | None) -> Placed | None:
     """Which components of the state are what [local] makes, by a sensor of positions; None where there are none.
 
     Raises:
         InputError: for heights that no sensor measures.
     """
-    part = description.local
-    if part is None:
+    if frame is None:
         return None
     state = [str(name) for name in built.model.state]
     for name, sensing in built.sensings.items():
         if sensing.kind != "position":
             continue
-        by_column = {c.column: state.index(str(k)) for k, c in description.sensors[name].columns.items()}
+        columns = {k: c.column for k, c in description.sensors[name].columns.items()}
+        # Of another table they are called NAME.local.east.
+        by_column = {c[c.find("local.") :]: state.index(str(k)) for k, c in columns.items() if "local." in c}
         if not all(column in by_column for column in POSITION):
             continue
         third = next((column for column in (UP, DOWN) if column in by_column), None)
-        if part.height is not None and third is None:
+        if len(frame.origin) == 3 and third is None:
             raise InputError(
                 f"local.height is given, and sensors.{name} measures neither {UP} nor {DOWN}: a third axis of the "
                 "motion takes it; without one drop local.height, and places are those on the ground"
             )
         at = [by_column[column] for column in (*POSITION, third) if column is not None]
-        return Placed(frame_of(part, table), tuple(at), third == DOWN)
+        return Placed(frame, tuple(at), third == DOWN)
     return None
 
 

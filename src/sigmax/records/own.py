@@ -14,11 +14,11 @@ from sigmax.records.built import Built
 from sigmax.records.delays import Rows, undelayed
 from sigmax.records.description import Column, Description, TimeColumn, read_toml
 from sigmax.records.doubts import doubts
-from sigmax.records.local import placed, with_local
+from sigmax.records.local import placed
 from sigmax.records.model import build
 from sigmax.records.prior import ALL_FROM, FROM, read_prior, search
-from sigmax.records.read_table import data_of
 from sigmax.records.record import Record, parse_trial
+from sigmax.records.several import read_data
 from sigmax.records.table import Table
 from sigmax.records.units import TIME, Dimension, parse_unit, to_si
 
@@ -43,7 +43,7 @@ def _record(path: Path, description: Description) -> Record:
     trials = tuple(dict.fromkeys(parse_trial(text) for text in description.filters))
     built = build(description, path.parent)
     check_columns(description, built)
-    table = with_local(data_of(description, path.parent), description.local)
+    description, table, frame = read_data(description, path.parent, instants, _tracks)
     time, epoch = instants(table, description.time)
     names, rows = _tracks(table, description.track, time, description.sort)
     measured = {sensor: columns(table, measured_columns(description, built, sensor)) for sensor in built.sensings}
@@ -101,7 +101,7 @@ def _record(path: Path, description: Description) -> Record:
         doubts=doubts(description, built, table, *of_table),
         update_first=True,
         updates=built.updates,
-        placed=placed(description, built, table),
+        placed=placed(description, built, frame),
     )
     return made if found is None else from_measurements(made, *found)
 

@@ -11,7 +11,7 @@ from sigmax.filters import Filter
 from sigmax.models.switching import SwitchingModel
 from sigmax.records.built import Built
 from sigmax.records.description import read_toml
-from sigmax.records.local import MADE, local_columns, placed, with_local
+from sigmax.records.local import MADE, frame_of, local_columns, placed, with_local
 from sigmax.records.located import locate
 from sigmax.records.model import build
 from sigmax.records.own import check_columns, columns, instants, measured_columns
@@ -61,6 +61,8 @@ def build_plots(path: Path, description: PlotDescription) -> Built:
         raise InputError(
             f"track = {description.track!r} says whose each plot is; drop it, or [tracking] and give a [prior]"
         )
+    if description.tables:
+        raise InputError("[tables] does not go with [tracking]: plots come in one table")
     if description.bias:
         raise InputError("[bias] does not go with [tracking]: find it on recorded tracks and correct the columns")
     built = build(description, path.parent)
@@ -121,7 +123,7 @@ def _record(path: Path, description: PlotDescription, part: TrackingPart) -> Plo
         skipped=(*skipped[:_QUOTED], *([more.strip()] if more else [])),
         source=description.source or description.data,
         licence=description.licence,
-        placed=placed(description, built, table),
+        placed=placed(description, built, None if description.local is None else frame_of(description.local, table)),
     )
 
 

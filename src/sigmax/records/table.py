@@ -29,6 +29,7 @@ class Table:
         decimal: the sign before the decimals of numbers that are text, a point or a comma.
         notes: what a reader of the results should know of how it was read.
         left_out: numbers of rows, for people, that were left out before.
+        labels: of rows that were joined from several files.
     """
 
     path: Path
@@ -38,6 +39,7 @@ class Table:
     decimal: str = "."
     notes: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
+    labels: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.columns)
@@ -47,8 +49,10 @@ class Table:
         """The names of the columns."""
         return tuple(map(str, self.columns))
 
-    def row(self, index: int) -> int:
-        """The number of a row for people."""
+    def row(self, index: int) -> int | str:
+        """The number of a row for people; of several files, with the name of its own."""
+        if self.labels:
+            return self.labels[index]
         number = index + self.first_row
         for skipped in self.left_out:
             number += skipped <= number
