@@ -45,6 +45,9 @@ def track_command(
             show_default=False,
         ),
     ] = None,
+    doctor: Annotated[
+        bool, typer.Option("--doctor", help="Say in the report what is wrong with the model, as sigmax doctor does.")
+    ] = False,
 ) -> None:
     """Track a record with one or several filters and write estimates, summary and report.
 
@@ -56,7 +59,7 @@ def track_command(
     say_on_signal("nothing was written")
     from sigmax.cli.track import track_record
 
-    track_record(record, filter or [], out, data, prior)
+    track_record(record, filter or [], out, data, prior, doctor)
 
 
 def terrain_command(

@@ -11,11 +11,12 @@ from rich.markup import escape
 
 from sigmax.cli.progress import progress_on
 from sigmax.errors import InputError, unknown
-from sigmax.examination import Examination, doctor
+from sigmax.examination import Examination, doctor, not_examined
 from sigmax.filters import Filter
 from sigmax.models import Gaussian, Model
-from sigmax.records import Record, load, load_plots, parse_trial
+from sigmax.records import Outcome, Record, load, load_plots, parse_trial
 from sigmax.records.correct import correct
+from sigmax.reports import Examined, Grade, Score, grade
 
 # The first words of a description that was corrected; only such a file is written over.
 _MARK = "# Corrected by sigmax doctor from"
@@ -93,6 +94,50 @@ def _write(path: Path, target: Path, found: dict[str, Examination], errors: Cons
         errors.print("no file was written", highlight=False)
     for sentence in correction.left:
         errors.print(escape(sentence), highlight=False, soft_wrap=True)
+
+
+def proposal(name: str, prior: str | None, record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> str:
+    """The command that says why no filter can be believed; empty where one can, or the model is not examined."""
+    if any(grade(s).believable or grade(s) is Grade.UNKNOWN for s in scores[: len(outcomes)]):
+        return ""
+    chosen = _examinable(record, outcomes, scores)
+    if chosen is None:
+        return ""
+    outcome, _ = chosen
+    if prior is not None:
+        return shlex.join(["sigmax", "track", name, "--filter", outcome.trial.name, "--prior", prior, "--doctor"])
+    words = ["sigmax", "doctor", name, "--filter", outcome.trial.name]
+    if len(record.tracks) > 1:
+        words += ["--track", record.tracks[_worst(record, outcome)]]
+    return shlex.join(words)
+
+
+def examine_worst(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> Examined | None:
+    """What is wrong on the track that the likeliest filter believes least; None where the model is not examined."""
+    chosen = _examinable(record, outcomes, scores)
+    if chosen is None:
+        return None
+    outcome, label = chosen
+    i = _worst(record, outcome)
+    return Examined(i, label, _examined(record, i, *record.told(outcome.trial)))
+
+
+def _examinable(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> tuple[Outcome, str] | None:
+    """The outcome of the largest likelihood whose filter and model the doctor knows, and its label."""
+    known = [
+        (s.log_likelihood if s.log_likelihood is not None else -np.inf, o, s.label)
+        for o, s in zip(outcomes, scores, strict=False)
+        if o.result is not None and not not_examined(record.told(o.trial)[1], record.told(o.trial)[0])
+    ]
+    return max(known, key=lambda one: one[0])[1:] if known else None
+
+
+def _worst(record: Record, outcome: Outcome) -> int:
+    """The track with the largest NIS for the number of its values, of those with enough of them."""
+    assert outcome.result is not None
+    nis, dof = (np.where(record.real, np.nan_to_num(v), 0.0).sum(1) for v in (outcome.result.nis, outcome.result.dof))
+    enough = dof > min(50, dof.max() / 2)
+    return int(np.argmax(np.where(enough, nis / np.maximum(dof, 1), -1.0)))
 
 
 def _examined(record: Record, i: int, judge: Filter, model: Model, prior: Gaussian) -> Examination:

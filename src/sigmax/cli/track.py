@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from sigmax.cli import NO_RESULT, WRONG_INPUT
+from sigmax.cli.doctor import examine_worst, proposal
 from sigmax.cli.plots import track_plots
 from sigmax.cli.progress import progress_on
 from sigmax.errors import InputError
@@ -38,8 +39,9 @@ def track_record(
     out: Path | None,
     data: Path | None = None,
     prior: str | None = None,
+    examine: bool = False,
 ) -> None:
-    """Load, check, run, write and print.
+    """Load, check, run, examine the model if wished, write and print.
 
     Raises:
         InputError: before any filter runs, for whatever does not fit.
@@ -56,6 +58,8 @@ def track_record(
     if plots is not None:
         if prior is not None:
             raise InputError("--prior belongs to a record of tracks; plots begin tracks by themselves")
+        if examine:
+            raise InputError(f"{name} holds plots: the doctor examines records whose measurements belong to a track")
         track_plots(plots, filters, out)
         return
     with errors.status("reading the record"):
@@ -85,9 +89,13 @@ def track_record(
             if more is not None:
                 outcomes.append(more[0])
                 scores.append(more[1])
+        examined = None
+        if examine:
+            progress.update(task, description="what is wrong with the model")
+            examined = examine_worst(record, outcomes[: len(trials)], scores)
         progress.update(task, description="writing the report")
         if any(outcome.result is not None for outcome in outcomes):
-            write(folder, record, outcomes, scores)
+            write(folder, record, outcomes, scores, examined)
     console.print(_table(record, scores))
     headline, sentences = verdict(scores)
     console.print(f"\n[bold]{escape(headline)}[/bold]", highlight=False)
@@ -95,6 +103,13 @@ def track_record(
         console.print(escape(sentence), highlight=False)
     for sentence in _last_places(record, outcomes):
         console.print(escape(sentence), highlight=False)
+    if examined is not None:
+        of = f"{record.tracks[examined.track]}, " if len(record.tracks) > 1 else ""
+        console.print(f"\n{escape(of)}{escape(repr(examined.examination))}", highlight=False, soft_wrap=True)
+    elif examine:
+        errors.print("the doctor knows neither this model nor these filters: nothing was examined", highlight=False)
+    elif isinstance(name, str) and (command := proposal(name, prior, record, outcomes[: len(trials)], scores)):
+        console.print(f"\nWhat is wrong with the model: {escape(command)}", highlight=False, soft_wrap=True)
     if any(outcome.result is not None for outcome in outcomes):
         console.print(f"\nReport: {escape(str(folder / 'report.html'))}", highlight=False, soft_wrap=True)
     if not any(_worked(record, outcome) for outcome in outcomes):

@@ -1,6 +1,6 @@
 """What is wrong with a model: causes of a record that its filter does not believe, sized and proven by re-running."""
 
-from sigmax.examination.examine import doctor
-from sigmax.examination.report import Examination, Finding
+from sigmax.examination.examine import doctor, not_examined
+from sigmax.examination.report import Evidence, Examination, Finding
 
-__all__ = ["Examination", "Finding", "doctor"]
+__all__ = ["Evidence", "Examination", "Finding", "doctor", "not_examined"]

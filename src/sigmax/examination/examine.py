@@ -58,13 +58,9 @@ def doctor(
         InputError: for whatever `run` refuses, a batch of records, modes, and curved parts of state or measurement.
     """
     begun = time.perf_counter()
-    if not isinstance(model, Model):
-        raise InputError(f"the doctor examines a sigmax.Model; this is {type(model).__name__}")
-    if model.curved:
-        raise InputError("the doctor examines numbers and angles; attitudes, directions and poses it does not know yet")
     chosen = as_filter(filter)
-    if isinstance(chosen, Bank):
-        raise InputError("the doctor judges by one filter, and a bank has several: give one of its members")
+    if why := not_examined(model, chosen):
+        raise InputError(why)
     chosen = replace(chosen, update=once)
     times = times_of(t, t0)
     ready = prepare(chosen, model, prior, z, steps_given(dt, t, times), inputs, "float64", update_first, R=R)
@@ -82,8 +78,19 @@ def doctor(
         findings, undetermined, refused = rounds.examine()
     return Examination(
         findings, refused, undetermined, rounds.tested, rounds.nis0, len(record.dt), chosen.name,
-        time.perf_counter() - begun,
+        time.perf_counter() - begun, rounds.evidence,
     )  # fmt: skip
+
+
+def not_examined(model: Any, filter: Filter) -> str:
+    """Why the doctor does not know a model or filter, in words; empty where it does."""
+    if not isinstance(model, Model):
+        return f"the doctor examines a sigmax.Model; this is {type(model).__name__}"
+    if model.curved:
+        return "the doctor examines numbers and angles; attitudes, directions and poses it does not know yet"
+    if isinstance(filter, Bank):
+        return "the doctor judges by one filter, and a bank has several: give one of its members"
+    return ""
 
 
 def _laid_out(ready: Prepared, update_first: bool) -> tuple[RecordData, Setup]:

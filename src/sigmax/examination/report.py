@@ -1,7 +1,9 @@
 """What an examination found."""
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,24 @@ class Finding:
     factor: float = 0.0
 
 
+class Evidence(NamedTuple):
+    """What the filter said at each step, before anything was changed and with all that was found.
+
+    Attributes:
+        nis: NIS of all sensors together (T,), before and after.
+        dof: how many values each step has (T,).
+        component: the one whose innovations gave the first cause away.
+        residual: its innovations over their deviations (T,), before and after; NaN where there was no value.
+        out: which of them are too far off after it (T,).
+    """
+
+    nis: tuple[np.ndarray, np.ndarray]
+    dof: np.ndarray
+    component: str
+    residual: tuple[np.ndarray, np.ndarray]
+    out: np.ndarray
+
+
 @dataclass(frozen=True, repr=False)
 class Examination:
     """What `sigmax.doctor` found.
@@ -57,6 +77,7 @@ class Examination:
         steps: of the record.
         filter: its name.
         seconds: what it took.
+        evidence: the filter's innovations before and after; None where nothing was found.
     """
 
     findings: tuple[Finding, ...]
@@ -67,6 +88,7 @@ class Examination:
     steps: int
     filter: str
     seconds: float
+    evidence: Evidence | None = None
 
     @property
     def status(self) -> int:
@@ -74,8 +96,10 @@ class Examination:
         return 2 if self.refused else 1 if self.findings else 0
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as plain data."""
-        return asdict(self) | {"status": self.status}
+        """All of it as plain data, None in the place of NaN, without the evidence of each step."""
+        whole = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("evidence", "findings")}
+        findings = [{k: None if v != v else v for k, v in asdict(f).items()} for f in self.findings]
+        return whole | {"findings": findings, "status": self.status}
 
     def __repr__(self) -> str:
         head = f"Examination by {self.filter}: {self.steps:,} steps, NIS per value {self.nis:.3g} where 1 is expected"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sigmax.examination.alternatives import alternatives
-from sigmax.examination.report import Finding
+from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import (
     Candidate,
     Setup,
@@ -42,6 +42,7 @@ class Rounds:
         from scipy.special import chdtri
 
         self.setup, self.record, self.first = setup, record, first
+        self.evidence: Evidence | None = None
         self.nis0 = _nis_per_value(first, record)
         self.some = alternatives(setup.runner.family, record, setup.timed)
         self.tested = len(setup.hypotheses) + len(self.some) + 3 * len(record.huge)
@@ -83,7 +84,22 @@ class Rounds:
             )
         kept = self._needed(accepted, theta, start, record)
         last = self._correlated(out, record, bool(flaws or kept))
-        return (*flaws, *(a.finding for a in kept), *last), self._undetermined(theta, record), ""
+        findings = (*flaws, *(a.finding for a in kept), *last)
+        self.evidence = self._evidence(findings[0].where, out, record) if findings else None
+        return findings, self._undetermined(theta, record), ""
+
+    def _evidence(self, where: str, out: Innovations, record: RecordData) -> Evidence:
+        """The innovations before and after, of the component of a cause or else the one that changed most."""
+        names = [name for some in self.setup.names.values() for name in some]
+        (before, seen), (after, _) = normalised(self.first, self.record), normalised(out, record)
+        kept = seen & ~record.out
+        change = [float(np.mean((before[k, j] - after[k, j]) ** 2)) if k.any() else 0.0 for j, k in enumerate(kept.T)]
+        j = names.index(where) if where in names else int(np.argmax(change))
+        nis = tuple(sum(v[0] for v in o.nis().values()) for o in (self.first, out))
+        residual = tuple(np.where(seen[:, j], r[:, j], np.nan) for r in (before, after))
+        return Evidence(
+            (nis[0], nis[1]), kept.sum(1), names[j], (residual[0], residual[1]), record.out[:, j] & seen[:, j]
+        )
 
     def _values(self) -> tuple[list[Finding], RecordData]:
         """Flaws of the values themselves, and the record without them."""

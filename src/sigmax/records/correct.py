@@ -11,7 +11,7 @@ from sigmax.examination import Finding
 from sigmax.records.built import Built
 from sigmax.records.description import Description, read_toml
 from sigmax.records.model import build
-from sigmax.records.prior import FROM
+from sigmax.records.prior import ALL_FROM, FROM
 from sigmax.records.toml_edit import Document, scaled
 from sigmax.records.units import ANGLE, NUMBER, TIME, Dimension, quantity, to_si, unit_of
 
@@ -221,12 +221,15 @@ def _prior(of: _Of, f: Finding, said: str) -> None:
     """Mean of one component, or all deviations."""
     state = [str(name) for name in of.built.model.state]
     if f.factor:
-        for name in (name for name in state if name in of.says.prior):
+        names = [name for name in state if name in of.says.prior]
+        if not names:
+            raise InputError("the prior comes from the measurements")
+        for name in names:
             of.document.put(("prior", name, "std"), scaled(of.says.prior[name]["std"], np.sqrt(f.factor)), said)
         return
     if f.where not in of.says.prior:
-        taken = FROM in of.says.prior and f.where in state
-        raise InputError("its mean comes from the first measurement" if taken else "it is not of one component")
+        taken = {FROM, ALL_FROM} & set(of.says.prior) and f.where in state
+        raise InputError("its mean comes from the first measurements" if taken else "it is not of one component")
     given, dimension = of.says.prior[f.where], of.built.dimensions[state.index(f.where)]
     mean, std = (quantity(given[key], dimension, f"prior.{f.where}.{key}") for key in ("mean", "std"))
     unit = f" {dimension.symbol}" if dimension.symbol else ""

@@ -1,5 +1,6 @@
 """Reports: scores, a verdict in words, and the folder with estimates, summary and page."""
 
+from sigmax.reports.examined import Examined
 from sigmax.reports.folder import check_folder, write
 from sigmax.reports.followed import Followed
 from sigmax.reports.grade import Grade, grade
@@ -7,4 +8,15 @@ from sigmax.reports.score import Score, score
 from sigmax.reports.tracks_folder import write_tracks
 from sigmax.reports.verdict import verdict
 
-__all__ = ["Followed", "Grade", "Score", "check_folder", "grade", "score", "verdict", "write", "write_tracks"]
+__all__ = [
+    "Examined",
+    "Followed",
+    "Grade",
+    "Score",
+    "check_folder",
+    "grade",
+    "score",
+    "verdict",
+    "write",
+    "write_tracks",
+]

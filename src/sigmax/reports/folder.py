@@ -17,6 +17,7 @@ from sigmax.errors import InputError
 from sigmax.leftovers import clear_leftovers
 from sigmax.records import Outcome, Record
 from sigmax.records.frame import Frame
+from sigmax.reports.examined import Examined
 from sigmax.reports.grade import grade
 from sigmax.reports.page import page
 from sigmax.reports.replaced import replaced
@@ -86,7 +87,13 @@ def write_json(path: Path, content: Any) -> None:
     path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def write(folder: Path, record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> None:
+def write(
+    folder: Path,
+    record: Record,
+    outcomes: Sequence[Outcome],
+    scores: Sequence[Score],
+    examined: Examined | None = None,
+) -> None:
     """Write estimates.parquet, summary.json and report.html; the folder appears whole or not at all.
 
     Raises:
@@ -95,8 +102,8 @@ def write(folder: Path, record: Record, outcomes: Sequence[Outcome], scores: Seq
     check_folder(folder)
     with replaced(folder) as part:
         _estimates(part / "estimates.parquet", record, outcomes)
-        write_json(part / "summary.json", summary(record, scores))
-        (part / "report.html").write_text(page(record, outcomes, scores), encoding="utf-8")
+        write_json(part / "summary.json", summary(record, scores, examined))
+        (part / "report.html").write_text(page(record, outcomes, scores, examined), encoding="utf-8")
 
 
 def versions() -> dict[str, str]:
@@ -104,7 +111,7 @@ def versions() -> dict[str, str]:
     return {"sigmax": sigmax.__version__, "jax": version("jax"), "numpy": version("numpy")}
 
 
-def summary(record: Record, scores: Sequence[Score]) -> dict[str, Any]:
+def summary(record: Record, scores: Sequence[Score], examined: Examined | None = None) -> dict[str, Any]:
     """The content of summary.json; numbers in SI and radians, null where there is none."""
     units = {str(n): d.symbol for n, d in record.components.items()}
     return {
@@ -120,7 +127,7 @@ def summary(record: Record, scores: Sequence[Score]) -> dict[str, Any]:
         "notes": list(record.notes),
         "frame": None if record.placed is None else frame_in_numbers(record.placed.frame),
         "versions": versions(),
-    }
+    } | ({} if examined is None else {"examination": examined.examination.to_dict()})
 
 
 def frame_in_numbers(frame: Frame) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from sigmax.reports.document import (
     small,
     table,
 )
+from sigmax.reports.examined import Examined, examined_section
 from sigmax.reports.figures import (
     Figure,
     Shown,
@@ -49,13 +50,15 @@ _TRACKS = 24
 _CLASS = {Grade.CONSISTENT: "good"} | dict.fromkeys((Grade.NEAR, Grade.HEAVY, Grade.CAUTIOUS, Grade.UNKNOWN), "near")
 
 
-def page(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> str:
+def page(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score], examined: Examined | None = None) -> str:
     """The report as HTML."""
     ran = [(i, s.label, o) for i, (o, s) in enumerate(zip(outcomes, scores, strict=True)) if o.result is not None]
     chosen = best(scores)
     advised = next((i for i, s in enumerate(scores) if s is chosen), ran[0][0] if ran else 0)
     figures: dict[str, Figure] = {}
     sections = [_verdict(record, scores), _table(scores)]
+    if examined is not None:
+        sections.append(examined_section(record, examined, figures))
     apart = {i for i, s in enumerate(scores) if not grade(s).believable}
     path = path_figure(record, ran, advised, apart) if ran else None
     if path is not None:
