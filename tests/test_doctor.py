@@ -79,6 +79,18 @@ def test_a_fault_is_named_first(kind):
     assert kind in (found.findings[0].kind, *found.findings[0].either_kinds), found
 
 
+@pytest.mark.parametrize("kind", ["units", "degrees"])
+def test_a_start_made_from_the_same_values_moves_with_them(kind):
+    """A prior from the first measurement, as descriptions make it, is wrong in the same way as the measurements."""
+    model, prior = radar()
+    z = FAULTS[kind](record(3))
+    first = z[0, 0] * np.array([np.cos(z[0, 1]), np.sin(z[0, 1])])
+    begun = sigmax.Gaussian([*first, 60.0, -80.0], prior.cov)
+    found = sigmax.doctor(model, begun, z).findings[0]
+    assert kind in (found.kind, *found.either_kinds), found
+    assert found.nis_after < 1.5
+
+
 def test_the_size_of_a_wrong_R_is_within_its_error_and_its_change_mends_it():
     model, prior = radar()
     z = FAULTS["R"](record(5))
@@ -246,8 +258,8 @@ def test_the_command_ends_with_its_answer(tmp_path, capsys):
     status, out = examined(capsys, path, "--track", "feet", "--json")
     first = json.loads(out)["feet"]["findings"][0]
     assert status == 1
-    assert "range" in first["cause"]
-    assert "feet" in first["cause"] + first["size"]
+    assert first["kind"] == "units"
+    assert "feet" in " ".join([first["cause"], *first["either"]])
     with pytest.raises(sigmax.InputError, match="unknown track"):
         app(["doctor", path, "--track", "other"])
 

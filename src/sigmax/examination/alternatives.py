@@ -1,13 +1,17 @@
 """Hypotheses that change the record or the prior as a whole: units, signs, conventions, an overconfident prior."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
+from sigmax.examination.begin import begun
 from sigmax.examination.envelope import Envelope, component_names, input_names
 from sigmax.examination.variants import RecordData
+
+# What a reading costs that moves the prior, too.
+_WITH_START = 5.0
 
 # What is mistaken for what: the factor that mends the values, as people know it, what they are in, what the model has.
 UNITS = {
@@ -41,6 +45,8 @@ class Alternative:
         change: of the record.
         jacobian: added to the log-likelihood of changed values, which is that of the values as they came.
         factor: what the values are multiplied by; 0 where they are changed in another way.
+        sensor: whose values are read in another way; None for anything else.
+        cost: what it costs in log-likelihood for the choice among them.
     """
 
     kind: str
@@ -50,6 +56,8 @@ class Alternative:
     change: Callable[[RecordData], RecordData]
     jacobian: float = 0.0
     factor: float = 0.0
+    sensor: str | None = None
+    cost: float = 2.0
 
 
 def alternatives(family: Envelope, record: RecordData, timed: bool) -> list[Alternative]:
@@ -73,6 +81,23 @@ def alternatives(family: Envelope, record: RecordData, timed: bool) -> list[Alte
     return found
 
 
+def with_starts(family: Envelope, some: Sequence[Alternative]) -> list[Alternative]:
+    """Readings of a sensor whose prior was made from the same values: it begins where they say then."""
+    found = []
+    for a in some:
+        if a.sensor is None:
+            continue
+        mend = f"{a.mend}, and begin where it says then"
+        found.append(replace(a, mend=mend, cost=_WITH_START, change=_begun(family, a.sensor, a.change)))
+    return found
+
+
+def _begun(
+    family: Envelope, sensor: str, change: Callable[[RecordData], RecordData]
+) -> Callable[[RecordData], RecordData]:
+    return lambda r: begun(family, sensor, change(r))
+
+
 def _time(c: float, cause: str) -> Alternative:
     return Alternative(
         "time units", f"dt × {c:.4g}", cause, f"multiply dt by {c:.4g}", lambda r: replace(r, dt=r.dt * c), factor=c
@@ -81,31 +106,35 @@ def _time(c: float, cause: str) -> Alternative:
 
 def _of_measurements(family: Envelope, record: RecordData) -> Iterator[Alternative]:
     for s, m in family.sizes:
-        names, angular = component_names(family.model, s, m), family.model.measured_angular(s, m)
-        for j, name in enumerate(names):
-            count = int(np.isfinite(record.z[s][:, j]).sum())
-            if angular[j]:
-                yield from _of_angle(s, j, name, count)
-            else:
-                for c, said in FACTORS.items():
-                    yield Alternative(
-                        "units",
-                        name,
-                        f"{name} is {said}",
-                        f"multiply {name} by {c:.4g}",
-                        _affine(s, j, c, 0.0),
-                        count * np.log(c),
-                        c,
-                    )
-            yield Alternative("sign", name, f"{name} has the wrong sign", f"take −{name}", _affine(s, j, -1.0, 0.0))
-        for i, j in combinations(range(m), 2):
-            yield Alternative(
-                "swap",
-                f"{names[i]}, {names[j]}",
-                f"{names[i]} and {names[j]} stand in each other's place",
-                "exchange them",
-                _swapped(s, i, j),
-            )
+        yield from (replace(a, sensor=s) for a in _of_sensor(family, record, s, m))
+
+
+def _of_sensor(family: Envelope, record: RecordData, s: str, m: int) -> Iterator[Alternative]:
+    names, angular = component_names(family.model, s, m), family.model.measured_angular(s, m)
+    for j, name in enumerate(names):
+        count = int(np.isfinite(record.z[s][:, j]).sum())
+        if angular[j]:
+            yield from _of_angle(s, j, name, count)
+        else:
+            for c, said in FACTORS.items():
+                yield Alternative(
+                    "units",
+                    name,
+                    f"{name} is {said}",
+                    f"multiply {name} by {c:.4g}",
+                    _affine(s, j, c, 0.0),
+                    count * np.log(c),
+                    c,
+                )
+        yield Alternative("sign", name, f"{name} has the wrong sign", f"take −{name}", _affine(s, j, -1.0, 0.0))
+    for i, j in combinations(range(m), 2):
+        yield Alternative(
+            "swap",
+            f"{names[i]}, {names[j]}",
+            f"{names[i]} and {names[j]} stand in each other's place",
+            "exchange them",
+            _swapped(s, i, j),
+        )
 
 
 def _of_angle(s: str, j: int, name: str, count: int) -> Iterator[Alternative]:

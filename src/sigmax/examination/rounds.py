@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sigmax.examination.alternatives import alternatives
+from sigmax.examination.alternatives import alternatives, with_starts
 from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import (
     Candidate,
@@ -23,6 +23,8 @@ from sigmax.examination.variants import Innovations, RecordData, Variant, log_li
 from sigmax.examination.words import factor_of, in_words
 
 _ROUNDS, _ALPHA, _TIE = 4, 0.003, 3.0
+# NIS per value of a record that is so near to its model that nothing has to begin elsewhere.
+_NEAR = 0.6
 _SHAPES = ("tails", "outliers")
 # Causes that another one imitates, and which tell the simpler story where they tell nearly as much.
 _SIMPLER = ("sign", "turned", "degrees", "convention", "swap", "units")
@@ -57,6 +59,8 @@ class Rounds:
             some = [a for a in self.some if (a.kind, a.where) not in ended]
             (record,), out = masked(self.setup, [Variant(theta, whole)])
             as_it_stands = float(log_likelihood(out)[0])
+            if not _NEAR < _nis_per_value(out, record) < 1 / _NEAR:
+                some += with_starts(self.setup.runner.family, some)
             found = discrete(self.setup, theta, whole, some, as_it_stands)
             if np.isfinite(as_it_stands):
                 if ("shape", "") not in ended:

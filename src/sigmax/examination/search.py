@@ -14,8 +14,8 @@ from sigmax.examination.variants import Innovations, RecordData, Runner, Variant
 # Values farther off than so many robust deviations are left out: in how many rounds, and how large a share at most.
 _FAR, _ROUNDS, _MOST = 4.5, 4, 0.3
 _FORWARD = 1e-3
-# A reading of the record as a whole costs so much for the choice among them; so many are looked at closely.
-_COST, _READINGS = 2.0, 8
+# So many readings of the record as a whole are looked at closely.
+_READINGS = 8
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ def discrete(
     if not np.isfinite(with_outliers):
         gains = 1e9 + np.minimum(gains, 1e8) / 1e3
         return [_read(a, float(gains[i])) for i, a in enumerate(some) if fit[i]]
-    pick = [i for i in np.argsort(-gains)[:_READINGS] if fit[i] and gains[i] > _COST]
+    pick = [i for i in np.argsort(-gains)[:_READINGS] if fit[i] and gains[i] > some[i].cost]
     if not pick:
         return []
     L = log_likelihood(masked(setup, [Variant(theta, some[i].change(record)) for i in pick])[1])
@@ -155,7 +155,7 @@ def discrete(
 
 
 def _read(a: Alternative, gain: float) -> Candidate:
-    return Candidate(a.kind, a.where, gain - _COST, np.zeros(0), 0.0, alternative=a)
+    return Candidate(a.kind, a.where, gain - a.cost, np.zeros(0), 0.0, alternative=a)
 
 
 def _plausible(out: Innovations, i: int) -> bool:
