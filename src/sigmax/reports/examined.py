@@ -18,16 +18,18 @@ class Examined(NamedTuple):
     examination: Examination
 
 
-def examined_section(record: Record, examined: Examined, figures: dict[str, Figure]) -> str:
-    """The section; its figures are added to those of the page."""
+def examined_section(record: Record, examined: Examined | None, figures: dict[str, Figure]) -> list[str]:
+    """The section, none where nothing was examined; its figures are added to those of the page."""
+    if examined is None:
+        return []
     found = examined.examination
     of = f" of the track {record.tracks[examined.track]}" if len(record.tracks) > 1 else ""
     about = f"The doctor examined the model by {escape(examined.label)} on the record{escape(of)}"
     if found.refused:
-        return section("What is wrong with the model", f"{about}. It cannot be examined: {escape(found.refused)}.", "")
+        return [section("What is wrong with the model", f"{about}. It cannot be examined: {escape(found.refused)}.", "")]
     if not found.findings:
         said = f"{about}: nothing of {found.tested} hypotheses explains it better than the model as it stands."
-        return section("What is wrong with the model", said, "")
+        return [section("What is wrong with the model", said, "")]
     body = table(("cause", "size", "evidence", "what mends it"), [_row(f) for f in found.findings])
     if found.evidence is not None:
         figures["examined/nis"], figures["examined/residual"], window = examined_figures(
@@ -35,7 +37,7 @@ def examined_section(record: Record, examined: Examined, figures: dict[str, Figu
         )
         about += f". Below: NIS over the last {window} steps, and the innovations that gave the first cause away"
         body += place("examined-nis", "examined/nis") + place("examined-residual", "examined/residual")
-    return section("What is wrong with the model", f"{about}.", body)
+    return [section("What is wrong with the model", f"{about}.", body)]
 
 
 def _row(f: Finding) -> list[str]:

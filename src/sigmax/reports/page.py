@@ -56,9 +56,7 @@ def page(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score], e
     chosen = best(scores)
     advised = next((i for i, s in enumerate(scores) if s is chosen), ran[0][0] if ran else 0)
     figures: dict[str, Figure] = {}
-    sections = [_verdict(record, scores), _table(scores)]
-    if examined is not None:
-        sections.append(examined_section(record, examined, figures))
+    sections = [_verdict(record, scores), _table(scores), *examined_section(record, examined, figures)]
     apart = {i for i, s in enumerate(scores) if not grade(s).believable}
     path = path_figure(record, ran, advised, apart) if ran else None
     if path is not None:
