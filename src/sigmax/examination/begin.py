@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -25,13 +26,14 @@ def begun(family: Envelope, sensor: str, record: RecordData) -> RecordData:
     if not len(whole) or not spread.any():
         return record
     k = int(whole[0])
-    beyond = np.zeros(family.driven + len(family.parameters) + family.measured)
-    u = jnp.asarray(np.concatenate([record.u[k], beyond, [1.0]]))
+    model = family.plain
+    u = (jnp.asarray(record.u[k]),) if model.sensor_inputs[sensor] else ()
+    seen = jax.jit(model.sensors[sensor])
     size = np.maximum(np.abs(z[k]), 1e-9)
-    turns = np.asarray(family.model.measured_angular(sensor, z.shape[1]))
+    turns = np.asarray(model.measured_angular(sensor, z.shape[1]))
 
     def miss(y: np.ndarray) -> np.ndarray:
-        off = np.asarray(family.model.sensors[sensor](jnp.asarray(record.mean + spread * y), u)) - z[k]
+        off = np.asarray(seen(jnp.asarray(record.mean + spread * y), *u)) - z[k]
         off = np.where(turns, (off + np.pi) % (2 * np.pi) - np.pi, off / size)
         return np.concatenate([off, 1e-7 * y])
 

@@ -36,6 +36,7 @@ class Envelope:
     Attributes:
         model: reads its parameters from the inputs: u as it was, du, θ, what is added to R of each component, a
             factor of Q; `prior` alone is no matter of the model.
+        plain: the model as it stands.
         parameters: θ, in the order of the inputs.
         given: how many inputs the model had, R by row included.
         driven: how many of these are the user's.
@@ -43,6 +44,7 @@ class Envelope:
     """
 
     model: Model
+    plain: Model
     parameters: tuple[Parameter, ...]
     given: int
     driven: int
@@ -127,7 +129,7 @@ def envelope(
         R=noises,
         inputs=None,
     )
-    return Envelope(made, parameters, given, driven, sizes)
+    return Envelope(made, model, parameters, given, driven, sizes)
 
 
 class _Places:

@@ -19,15 +19,17 @@ def scores(
     rows = []
     for s, nu in outcome.nu.items():
         S = outcome.S[s]
-        inverse = np.linalg.inv(np.linalg.cholesky(S[0]))
+        inverse = 1 / np.sqrt(S[0]) if S.shape[-1] == 1 else np.linalg.inv(np.linalg.cholesky(S[0]))
         e = np.einsum("tij,tj->ti", inverse, nu[0])
         nis, c = (e * e).sum(1), cut(outcome.seen[s].sum(-1))
         w = np.where(nis > c, np.sqrt(c / np.maximum(nis, 1e-300)), 1.0)
         change = nu[1:] - nu[:1]
         turns = np.asarray(angular[s])
         change = np.where(turns, (change + np.pi) % (2 * np.pi) - np.pi, change) / steps[:, None, None]
-        D = np.einsum("tij,qtj->qti", inverse, change)
-        M = inverse @ ((S[1:] - S[:1]) / steps[:, None, None, None]) @ np.swapaxes(inverse, 1, 2)
+        spread = (S[1:] - S[:1]) / steps[:, None, None, None]
+        one = S.shape[-1] == 1
+        D = change * inverse[:, 0] if one else np.einsum("tij,qtj->qti", inverse, change)
+        M = spread * inverse**2 if one else inverse @ spread @ np.swapaxes(inverse, 1, 2)
         quadratic = np.einsum("ti,qtij,tj->qt", e, M, e)
         g += (-w * np.einsum("qti,ti->qt", D, e) + 0.5 * (w * quadratic - np.einsum("qtii->qt", M))).sum(1)
         rows += [(D * np.sqrt(w)[None, :, None]).reshape(len(steps), -1), M.reshape(len(steps), -1) / np.sqrt(2)]

@@ -16,7 +16,7 @@ from sigmax.running.prepare import Prepared, prepare
 from sigmax.running.result import Result
 
 # Numbers of inputs that one batch may hold, 8 bytes each.
-_MOST = 2e7
+_MOST = 4e7
 _KEPT = frozenset({"fault", "innovation"})
 
 
@@ -84,9 +84,7 @@ class Innovations(NamedTuple):
 
     def nis(self) -> dict[str, np.ndarray]:
         """ν' S⁻¹ ν by sensor, (B, T)."""
-        return {
-            s: np.einsum("bti,bti->bt", v, np.linalg.solve(self.S[s], v[..., None])[..., 0]) for s, v in self.nu.items()
-        }
+        return {s: _nis(v, self.S[s]) for s, v in self.nu.items()}
 
 
 class Runner:
@@ -97,6 +95,7 @@ class Runner:
         kinds = [p.kind for p in family.parameters]
         self.of_prior = [i for i, kind in enumerate(kinds) if kind == "prior"]
         self._ready: Prepared | None = None
+        self._room = np.empty(0)
 
     def __call__(self, variants: Sequence[Variant]) -> Innovations:
         """All variants, in batches that fit the memory."""
@@ -116,16 +115,19 @@ class Runner:
         )
 
     def _batch(self, variants: Sequence[Variant]) -> Innovations:
-        inputs = np.stack([self._inputs(variant) for variant in variants])
         records = [variant.record for variant in variants]
+        alone = all(r is records[0] for r in records)
+        inputs = self._inputs(variants)
         mean = np.stack(
             [r.mean + t.theta[self.of_prior] * np.sqrt(np.diag(r.cov)) for t, r in zip(variants, records, strict=True)]
         )
         prior = Gaussian(mean, np.stack([r.cov for r in records]))
-        z = {s: np.stack([r.z[s] for r in records]) for s in records[0].z}
+        # What is the same for all is not repeated: a long record has many values.
+        z = {s: v if alone else np.stack([r.z[s] for r in records]) for s, v in records[0].z.items()}
+        dt = records[0].dt if alone else np.stack([r.dt for r in records])
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of hypotheses that nobody believes
-            done = self._run(prior, z, np.stack([r.dt for r in records]), inputs)
+            done = self._run(prior, z, dt, inputs)
         sensors = list(z)
         nu, S = done.innovation, done.innovation_cov
         if not self.family.model.several:
@@ -143,7 +145,11 @@ class Runner:
             clean_S[s] = np.where(both & np.isfinite(np.asarray(S[s])), np.asarray(S[s]), one)
         words = done.faults(1)
         return Innovations(
-            clean_nu, clean_S, {s: v[0] for s, v in seen.items()}, sound, words[0] if fault[0].any() else ""
+            clean_nu,
+            clean_S,
+            {s: v if v.ndim == 2 else v[0] for s, v in seen.items()},
+            sound,
+            words[0] if fault[0].any() else "",
         )
 
     def _run(self, prior: Gaussian, z: dict[str, np.ndarray], dt: np.ndarray, inputs: np.ndarray) -> Result:
@@ -165,15 +171,38 @@ class Runner:
             stored_log_likelihood=None, stored_count=None, stored_total=total,
         )  # fmt: skip
 
-    def _inputs(self, variant: Variant) -> np.ndarray:
-        """The inputs of the envelope, (T, K)."""
-        r, k = variant.record, self.family.driven
-        T = len(r.dt)
-        slope = np.zeros((T, k))
-        if k:
-            slope[1:] = np.diff(r.u[:, :k], axis=0) / np.maximum(r.dt[1:, None], 1e-12)
-        theta = np.broadcast_to(variant.theta, (T, len(variant.theta)))
-        return np.concatenate([r.u, slope, theta, r.extra + r.out * r.huge, r.q_factor[:, None]], 1)
+    def _inputs(self, variants: Sequence[Variant]) -> np.ndarray:
+        """The inputs of the envelope, (B, T, K)."""
+        k, T = self.family.driven, len(variants[0].record.dt)
+        at = variants[0].record.u.shape[1] + k
+        behind = at + len(variants[0].theta)
+        M = self.family.measured
+        shape = len(variants), T, behind + M + 1
+        size = int(np.prod(shape))
+        if len(self._room) < size:
+            self._room = np.empty(size)  # kept: to clear so much memory takes longer than to fill it
+        made = self._room[:size].reshape(shape)
+        for row, (theta, r) in zip(made, variants, strict=True):
+            row[:, : at - k] = r.u
+            row[0, at - k : at] = 0
+            if k:
+                row[1:, at - k : at] = np.diff(r.u[:, :k], axis=0) / np.maximum(r.dt[1:, None], 1e-12)
+            row[:, at:behind] = theta
+            row[:, behind : behind + M] = r.extra + r.out * r.huge
+            row[:, -1] = r.q_factor
+        return made
+
+
+def _nis(nu: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """ν' S⁻¹ ν of innovations (B, T, m)."""
+    if nu.shape[-1] == 1:
+        return np.asarray(nu[..., 0] ** 2 / S[..., 0, 0])
+    return np.asarray(np.einsum("bti,bti->bt", nu, np.linalg.solve(S, nu[..., None])[..., 0]))
+
+
+def _log_det(S: np.ndarray) -> np.ndarray:
+    """The logarithm of |S| of covariances (B, T, m, m)."""
+    return np.asarray(np.log(S[..., 0, 0]) if S.shape[-1] == 1 else np.linalg.slogdet(S)[1])
 
 
 def cut(d: Any) -> Any:
@@ -187,5 +216,5 @@ def log_likelihood(outcome: Innovations) -> np.ndarray:
     for s, nis in outcome.nis().items():
         c = cut(outcome.seen[s].sum(-1))
         rho = np.where(nis > c, 2 * np.sqrt(c * np.maximum(nis, 0)) - c, nis)
-        total -= 0.5 * (rho + np.linalg.slogdet(outcome.S[s])[1]).sum(-1)
+        total -= 0.5 * (rho + _log_det(outcome.S[s])).sum(-1)
     return np.where(outcome.sound & np.isfinite(total), total, -np.inf)
