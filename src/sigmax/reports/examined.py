@@ -26,7 +26,8 @@ def examined_section(record: Record, examined: Examined | None, figures: dict[st
     of = f" of the track {record.tracks[examined.track]}" if len(record.tracks) > 1 else ""
     about = f"The doctor examined the model by {escape(examined.label)} on the record{escape(of)}"
     if found.refused:
-        return [section("What is wrong with the model", f"{about}. It cannot be examined: {escape(found.refused)}.", "")]
+        said = f"{about}. It cannot be examined: {escape(found.refused)}."
+        return [section("What is wrong with the model", said, "")]
     if not found.findings:
         said = f"{about}: nothing of {found.tested} hypotheses explains it better than the model as it stands."
         return [section("What is wrong with the model", said, "")]
