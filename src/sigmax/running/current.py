@@ -19,7 +19,8 @@ from sigmax.errors import InputError
 from sigmax.models.model import Model
 from sigmax.models.noise import signature
 from sigmax.models.switching import SwitchingModel
-from sigmax.running.reading import read
+from sigmax.running.places import unchanged
+from sigmax.running.reading import Reading, read
 
 _MOST = 512
 
@@ -30,8 +31,7 @@ class _Known:
 
     function: Any
     stand_in: Callable[..., Any]
-    values: list[Any]
-    kept: list[Any]
+    read: Reading
 
 
 _known: OrderedDict[tuple[int, ...], _Known] = OrderedDict()
@@ -44,17 +44,26 @@ def current(function: Any) -> Callable[..., Any]:
     """The function that stands for a user's: the same one as long as nothing that it reads has changed."""
     if getattr(function, "__code__", None) is _CODE:
         return function
+    key = _key(function)
+    known = _known.get(key)
+    if known is not None and _as_it_was(known.read):
+        return known.stand_in
     now = read(function)
     with _lock:
         _forget(now.within)
-        key = _key(function)
         known = _known.get(key)
-        if known is None or known.values != now.values:
-            known = _known[key] = _Known(function, _standing_for(function), now.values, now.kept)
+        if known is None or known.read.values != now.values:
+            known = _known[key] = _Known(function, _standing_for(function), now)
             while len(_known) > _MOST:
                 _known.popitem(last=False)
+        known.read = now
         _known.move_to_end(key)
         return known.stand_in
+
+
+def _as_it_was(then: Reading) -> bool:
+    """Whether all that was read is still there, and JAX remembers nothing else of what it remembers by itself."""
+    return unchanged(then.places) and all(_inner.get(key) is known for key, known in then.within.items())
 
 
 def check_model(model: Any) -> None:
@@ -135,14 +144,13 @@ def _called(function: Any, arguments: tuple[Any, ...]) -> Any:
     known = _known.get(key)
     if known is None:
         return function(*arguments)
-    if read(function).values != known.values:
+    if read(function).values != known.read.values:
         with _lock:
             if _known.get(key) is known:
                 del _known[key]
         return function(*arguments)
     made = function(*arguments)
-    now = read(function)
-    known.values, known.kept = now.values, now.kept
+    known.read = read(function)
     return made
 
 
@@ -152,7 +160,7 @@ def _forget(within: dict[int, tuple[Any, list[Any]]]) -> None:
     for key, (thing, values) in within.items():
         before = _inner.get(key)
         changed |= before is not None and before[0] is thing and before[1] != values
-        _inner[key] = thing, values
+        _inner[key] = within[key]
         _inner.move_to_end(key)
     while len(_inner) > _MOST:
         _inner.popitem(last=False)

@@ -5,7 +5,8 @@ import functools
 import sys
 import sysconfig
 import types
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +14,8 @@ import jax
 import numpy as np
 
 from sigmax.native.fingerprint import FOR_READERS
+from sigmax.running import places
+from sigmax.running.places import Place
 
 _PLACES = sysconfig.get_paths()
 _LIBRARIES = (str(Path(__file__).parents[1]), *(_PLACES[k] for k in ("stdlib", "platstdlib", "purelib", "platlib")))
@@ -20,7 +23,6 @@ _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis))
 _BY_IDENTITY = (types.BuiltinFunctionType, np.ufunc, np.dtype, jax.Array, types.CodeType)
 # What JAX remembers by the function that is handed to it.
 _LOOPS = {"fori_loop", "while_loop", "scan", "map", "associative_scan", "cond", "switch", "checkpoint", "remat"}
-_SMALL = 4096  # bytes
 
 
 class Reading(NamedTuple):
@@ -30,11 +32,19 @@ class Reading(NamedTuple):
         values: plain values and identities, in the order in which they were come by.
         kept: all that an identity stands for, so that none is given to something else.
         within: functions by identity that JAX itself remembers, and what each of them reads.
+        places: where all of it was read: as long as they hold the same things, so does all that they lead to.
     """
 
     values: list[Any]
     kept: list[Any]
     within: dict[int, tuple[Any, list[Any]]]
+    places: list[Place]
+
+    def look(self, how: Callable[[Any], Any], at: Any) -> Any:
+        """What is at a place now, which is remembered."""
+        seen = how(at)
+        self.places.append(Place(how, at, seen))
+        return seen
 
 
 def read(thing: Any) -> Reading:
@@ -42,14 +52,16 @@ def read(thing: Any) -> Reading:
 
     What belongs to a library, and what cannot be looked into, is known by its identity.
     """
-    found = Reading([], [], {})
+    found = Reading([], [], {}, [])
     _walk(thing, found, set())
     return found
 
 
 class _Code(NamedTuple):
     names: frozenset[str]
+    named: Callable[[Any], Any]
     imports: tuple[str, ...]
+    imported: Callable[[Any], Any]
     library: bool
     loops: bool
 
@@ -62,7 +74,9 @@ def _about(code: types.CodeType) -> _Code:
             inner = _about(constant)
             names |= inner.names
             imports += inner.imports
-    return _Code(frozenset(names), tuple(imports), code.co_filename.startswith(_LIBRARIES), bool(names & _LOOPS))
+    named, imported = (partial(places.named, tuple(those)) for those in (sorted(names), imports))
+    library = code.co_filename.startswith(_LIBRARIES)
+    return _Code(frozenset(names), named, tuple(imports), imported, library, bool(names & _LOOPS))
 
 
 def _is_library(name: str) -> bool:
@@ -98,9 +112,10 @@ def _walk(thing: Any, found: Reading, seen: set[int]) -> None:
     elif kind is types.FunctionType:
         _function(thing, found, seen)
     elif kind is types.CellType:
-        try:
-            _walk(thing.cell_contents, found, seen)
-        except ValueError:
+        held = found.look(places.of_cell, thing)
+        if held:
+            _walk(held[0], found, seen)
+        else:
             found.values.append("empty")
     elif isinstance(thing, types.ModuleType):
         return
@@ -111,18 +126,16 @@ def _walk(thing: Any, found: Reading, seen: set[int]) -> None:
 
 
 def _array(thing: np.ndarray, found: Reading, seen: set[int]) -> None:
-    found.values.append((thing.dtype.str, thing.shape))
     if thing.dtype.hasobject:
-        for item in thing.ravel().tolist():
+        found.values.append((thing.dtype.str, thing.shape))
+        for item in found.look(places.items, thing):
             _walk(item, found, seen)
-    elif thing.flags.writeable or thing.base is not None:
-        content = thing.tobytes()
-        found.values.append(content if len(content) <= _SMALL else hash(content))
-        if isinstance(thing, np.ma.MaskedArray):
-            found.values.append(np.ma.getmaskarray(thing).tobytes())
+    else:
+        found.values.append(found.look(places.content, thing))
 
 
 def _function(function: types.FunctionType, found: Reading, seen: set[int]) -> None:
+    found.look(places.of_function, function)
     code = function.__code__
     about = _about(code)
     found.values.append(id(code))
@@ -138,25 +151,29 @@ def _function(function: types.FunctionType, found: Reading, seen: set[int]) -> N
     if about.loops:
         _within(function, found)
     names = function.__globals__
+    found.look(about.named, names)
     for name in about.names:
         if name in names:
             value = names[name]
             _walk(value, found, seen)
             if isinstance(value, types.ModuleType):
-                _module(value, about.names, found, seen)
+                _module(value, about, found, seen)
+    if about.imports:
+        found.look(about.imported, sys.modules)
     for name in about.imports:
         module = sys.modules.get(name)
         if module is None:
             found.values.append("not there yet")
         elif not _is_library(name):
             _walk(module, found, seen)
-            _module(module, about.names, found, seen)
+            _module(module, about, found, seen)
 
 
-def _module(module: types.ModuleType, names: frozenset[str], found: Reading, seen: set[int]) -> None:
+def _module(module: types.ModuleType, about: _Code, found: Reading, seen: set[int]) -> None:
     """What is read of a module: what is named; of a library's, whether it is the same thing."""
     there, library = vars(module), _is_library(module.__name__)
-    for name in names:
+    found.look(about.named, there)
+    for name in about.names:
         if name not in there:
             continue
         value = there[name]
@@ -167,13 +184,14 @@ def _module(module: types.ModuleType, names: frozenset[str], found: Reading, see
         fresh = id(value) not in seen
         _walk(value, found, seen)
         if isinstance(value, types.ModuleType) and fresh:
-            _module(value, names, found, seen)
+            _module(value, about, found, seen)
 
 
 def _class(thing: type, found: Reading, seen: set[int]) -> None:
-    for base in thing.__mro__:
+    for base in found.look(places.bases, thing):
         if _is_library(base.__module__):
             continue
+        found.look(places.of_class, base)
         for name, value in vars(base).items():
             if not name.startswith("__") or name in ("__call__", "__getattr__", "__getitem__"):
                 _walk(value, found, seen)
@@ -181,18 +199,20 @@ def _class(thing: type, found: Reading, seen: set[int]) -> None:
 
 def _object(thing: Any, found: Reading, seen: set[int]) -> None:
     kind = type(thing)
+    found.look(places.of_object, thing)
     if isinstance(thing, dict | types.MappingProxyType):
+        found.look(places.of_dict, thing)
         for key, value in thing.items():
             _walk(key, found, seen)
             _walk(value, found, seen)
     elif isinstance(thing, list | tuple | set | frozenset):
         found.values.append(len(thing))
-        for item in thing:
+        for item in found.look(tuple, thing):
             _walk(item, found, seen)
     elif isinstance(thing, bytearray | np.generic | float | int | str):
-        found.values.append(repr(thing))
+        found.values.append(found.look(repr, thing))
     elif isinstance(thing, functools.partial):
-        for part in (thing.func, thing.args, thing.keywords):
+        for part in found.look(places.of_partial, thing):
             _walk(part, found, seen)
     elif isinstance(thing, property):
         _walk(thing.fget, found, seen)
@@ -200,7 +220,8 @@ def _object(thing: Any, found: Reading, seen: set[int]) -> None:
         _walk(thing.__func__, found, seen)
     elif kind.__module__.startswith("jaxlib") and hasattr(thing, "__wrapped__"):
         _within(thing, found)
-        _walk(thing.__wrapped__, found, seen)
+        (inner,) = found.look(places.wrapped, thing)
+        _walk(inner, found, seen)
         return
     _walk(kind, found, seen)
     attributes = getattr(thing, "__dict__", None)
@@ -208,13 +229,11 @@ def _object(thing: Any, found: Reading, seen: set[int]) -> None:
         _attributes(attributes, found, seen)
     for base in kind.__mro__:
         slots = vars(base).get("__slots__", ())
-        for name in (slots,) if isinstance(slots, str) else slots:
-            member = vars(base).get(name)
-            if isinstance(member, types.MemberDescriptorType):
-                try:
-                    _walk(member.__get__(thing, kind), found, seen)
-                except AttributeError:
-                    found.values.append("unset")
+        names = (slots,) if isinstance(slots, str) else slots
+        members = [m for name in names if isinstance(m := vars(base).get(name), types.MemberDescriptorType)]
+        if members:
+            for value in found.look(partial(places.of_slots, members), thing):
+                _walk(value, found, seen)
 
 
 def _attributes(there: dict[str, Any], found: Reading, seen: set[int]) -> None:
@@ -229,7 +248,7 @@ def _within(thing: Any, found: Reading) -> None:
     if id(thing) in found.within:
         return
     found.within[id(thing)] = thing, []
-    own = Reading([], found.kept, found.within)
+    own = Reading([], found.kept, found.within, found.places)
     inside: set[int] = set()
     if isinstance(thing, types.FunctionType):
         # By itself, not by way of its loops.
