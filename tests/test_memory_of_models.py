@@ -271,12 +271,12 @@ def test_a_changed_value_gives_the_answer_of_a_fresh_model(way):
                 np.testing.assert_allclose(recorded(once, engine), wanted, rtol=1e-9)
 
 
-def kalman(a):
+def kalman(a, q=0.1, r=0.5):
     """Of x⁺ = x, z = a x by hand."""
     x, P, found = 2.0, 1.0, []
     for z in Z[:, 0]:
-        P += 0.1
-        K = P * a / (a * a * P + 0.5)
+        P += q
+        K = P * a / (a * a * P + r)
         x, P = x + K * (z - a * x), (1 - K * a) * P
         found.append([x])
     return np.array(found)
@@ -357,6 +357,72 @@ def test_a_fit_reads_what_build_reads_now():
 
     wanted = sigmax.fit("EKF", fresh, {"r": 0.5}, Z, positive=("r",)).log_likelihood
     assert abs(found[1] - wanted) < 1e-6 < abs(found[0] - wanted)
+
+
+def writable(array):
+    array.flags.writeable = True
+    return array
+
+
+def in_place(array, value):
+    array[...] = value
+
+
+# How a model is changed itself: what Q, R or the sensor's gain become.
+CHANGES = {
+    "Q": lambda made, value: setattr(made, "Q", sigmax.Model(**PLAIN | dict(Q=[value])).Q),
+    "R": lambda made, value: made.R.update({"": sigmax.Model(**PLAIN | dict(R=[value])).R[""]}),
+    "Q in place": lambda made, value: in_place(writable(made.Q.entries), value),
+    "R in place": lambda made, value: in_place(writable(made.R[""].entries), value),
+    "gain": lambda made, value: made.sensors.update({"": lambda x: x * value}),
+}
+PLAIN = dict(motion=lambda x, dt: x, sensor=lambda x: x, Q=[0.1], R=[0.5], state=("x",), measurement=("z",))
+
+
+@pytest.mark.parametrize("filter", ["EKF", "KF"])
+@pytest.mark.parametrize("what", CHANGES)
+def test_a_model_that_is_changed_itself_gives_the_answer_of_a_fresh_one(what, filter):
+    made = model()
+    for value in (0.3, 0.7, 0.3):
+        for engine in ("native", "xla"):
+            CHANGES[what](made, value)
+            given = dict(Q=0.1, R=0.5, gain=1.0) | {what.split()[0]: value}
+            found = sigmax.run(filter, made, PRIOR, Z, backend=engine).mean
+            np.testing.assert_allclose(found, kalman(given["gain"], given["Q"], given["R"]), rtol=1e-9)
+
+
+def test_a_bias_and_modes_that_are_changed_themselves():
+    bias = dict(sensor=np.ones((1, 1)), prior=sigmax.Gaussian([1.0], [1.0]))
+    made, one = model(bias=sigmax.Bias(**bias)), np.eye(2)
+    modes = {"slow": model(), "fast": model(Q=[3.0])}
+    switching = sigmax.imm(modes, transition=one)
+    for mean, stay in ((1.0, 0.9), (-2.0, 0.6), (1.0, 0.9)):
+        made.bias.prior = prior = sigmax.Gaussian([mean], [1.0])
+        in_place(one, [[stay, 1 - stay], [1 - stay, stay]])
+        for changed, fresh in (
+            (made, model(bias=sigmax.Bias(**bias | dict(prior=prior)))),
+            (switching, sigmax.imm(modes, transition=one.copy(), initial=switching.initial)),
+        ):
+            found = [sigmax.run("EKF", m, PRIOR, Z).mean for m in (changed, changed, fresh)]
+            np.testing.assert_array_equal(found[0], found[2])
+            np.testing.assert_array_equal(found[1], found[2])
+
+
+@pytest.mark.parametrize("engine", ["native", "xla"])
+def test_functions_that_share_a_compiled_helper_each_see_what_it_reads_now(engine):
+    space = written("@jax.jit\ndef g(x): return x * A\ndef f(x): return g(x)\ndef h(x): return g(x)", A=1.0)
+    first, second = model(sensor=space["f"]), model(sensor=space["h"])
+    for value, made in ((1.0, first), (0.5, second), (1.0, first), (0.5, first), (1.0, second)):
+        space["A"] = value
+        for once in (made, model(sensor=made.sensors[""])):
+            np.testing.assert_allclose(recorded(once, engine), kalman(value), rtol=1e-9)
+
+
+def test_a_warning_of_float32_comes_with_every_run():
+    made = model(sensor=lambda x: x * jnp.float32(0.1))
+    for _ in range(3):
+        with pytest.warns(UserWarning, match="seven digits"):
+            recorded(made, None)
 
 
 def test_another_process_sees_what_a_function_imports(tmp_path):

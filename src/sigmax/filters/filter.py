@@ -60,7 +60,8 @@ class Filter:
         form = self.form.on(biases)
         if form.bias_first and any(isinstance(rule, Marginal) for rule in rules):
             raise InputError(f"{self.name}: a marginal rule takes the bias behind the state, {form.name} before it")
-        return replace(self, predict=rules[0], correct=rules[1], form=form)
+        same = rules[0] is self.predict and rules[1] is self.correct and form is self.form
+        return self if same else replace(self, predict=rules[0], correct=rules[1], form=form)
 
     def __str__(self) -> str:
         return self.name

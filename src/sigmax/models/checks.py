@@ -8,6 +8,7 @@ from decimal import Decimal
 from functools import cache
 from numbers import Real
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import jax
@@ -17,7 +18,7 @@ import numpy as np
 from sigmax.errors import InputError
 
 # What holds no number that is being traced: asked for often, and its leaves take time. Iterators are not to be used up.
-_UNTRACED = (np.ndarray, float, int, Iterator)
+_UNTRACED = (np.ndarray, float, int, NoneType, Iterator)
 
 
 def is_traced(value: Any) -> bool:

@@ -85,7 +85,7 @@ def noise(label: str, given: Any, components: Sequence[str] | None, allowed: tup
     value = own(numbers(label, given))
     n = len(components) if components is not None else value.shape[-1]
     if value.ndim == 0 and n == 1:
-        value = value[None]
+        value = own(value[None])
     if value.shape == (n,):
         if not is_traced(value):
             symmetric_semidefinite(label, np.diag(value))

@@ -1,12 +1,19 @@
 """Covariances from factors, when a user asks for them."""
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sigmax.native import Unavailable, compiler
 from sigmax.native.driver import Squares, driver, over_cores, pointer
+
+
+class Moments(NamedTuple):
+    """A mean (…, n) and its covariance (…, n, n)."""
+
+    mean: np.ndarray
+    cov: np.ndarray
 
 
 def covariances(S: Any) -> Any:

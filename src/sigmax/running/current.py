@@ -8,21 +8,29 @@ is ever hashed or compared.
 import inspect
 import types
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache, update_wrapper
 from threading import RLock
-from typing import Any
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
+from weakref import WeakSet
 
 import jax
+import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.models.bias import Bias
+from sigmax.models.checks import is_traced
+from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.noise import signature
 from sigmax.models.switching import SwitchingModel
-from sigmax.running.places import unchanged
+from sigmax.running.places import Place, flags, of_dict, of_object, seen_now, unchanged
 from sigmax.running.reading import Reading, read
 
 _MOST = 512
+T = TypeVar("T")
+About = ParamSpec("About")
 
 
 @dataclass
@@ -34,20 +42,35 @@ class _Known:
     read: Reading
 
 
+class _Current(NamedTuple):
+    """A user's model, the one that stands for it, and what it consisted of when that was made."""
+
+    model: Model
+    made: Model
+    own: list[Place]
+    functions: list[tuple[Any, _Known]]
+
+
 _known: OrderedDict[tuple[int, ...], _Known] = OrderedDict()
 # Functions that JAX itself remembers, and what they read.
 _inner: OrderedDict[int, tuple[Any, list[Any]]] = OrderedDict()
+# Models as they were given, and models of which nothing changes any more.
+_models: OrderedDict[int, _Current] = OrderedDict()
+_fixed: WeakSet[Model] = WeakSet()
 _lock = RLock()
 
 
 def current(function: Any) -> Callable[..., Any]:
     """The function that stands for a user's: the same one as long as nothing that it reads has changed."""
-    if getattr(function, "__code__", None) is _CODE:
-        return function
+    return function if getattr(function, "__code__", None) is _CODE else _found(function).stand_in
+
+
+def _found(function: Any) -> _Known:
+    """What is known of a user's function as it is now."""
     key = _key(function)
     known = _known.get(key)
     if known is not None and _as_it_was(known.read):
-        return known.stand_in
+        return known
     now = read(function)
     with _lock:
         _forget(now.within)
@@ -58,7 +81,7 @@ def current(function: Any) -> Callable[..., Any]:
                 _known.popitem(last=False)
         known.read = now
         _known.move_to_end(key)
-        return known.stand_in
+        return known
 
 
 def _as_it_was(then: Reading) -> bool:
@@ -73,39 +96,99 @@ def check_model(model: Any) -> None:
 
 
 def current_model(model: Model) -> Model:
-    """The model with its functions as they are now.
+    """The model with its functions as they are now: the same one as long as they and all its numbers are.
 
     Raises:
         InputError: where it is something else.
     """
     check_model(model)
+    if model in _fixed:
+        return model
+    with _lock:
+        known = _models.get(id(model))
+        if known is not None and unchanged(known.own) and all(_found(f) is was for f, was in known.functions):
+            return known.made
+        functions: list[tuple[Any, _Known]] = []
+        made = _made_current(model, functions)
+        own = list(_places_of(model))
+        if any(place.look is flags and not _is_fixed(place.seen) for place in own) or is_traced(model):
+            return made
+        _models[id(model)] = _Current(model, made, own, functions)
+        _fixed.add(made)
+        while len(_models) > _MOST:
+            _models.popitem(last=False)
+        return made
+
+
+def found_once(find: Callable[Concatenate[Model, About], T]) -> Callable[Concatenate[Model, About], T]:
+    """What follows from a model and hashable arguments, found once where nothing of the model changes any more."""
+    found: Any = lru_cache(maxsize=_MOST)(find)
+
+    def once(model: Model, /, *about: About.args, **named: About.kwargs) -> T:
+        if model not in _fixed:
+            return find(model, *about, **named)
+        made: T = found(model, *about, **named)
+        if isinstance(made, Model):
+            _fixed.add(made)
+        return made
+
+    update_wrapper(once, find)
+    return once
+
+
+def _places_of(part: Any) -> Iterator[Place]:
+    """What a model, or a part of it, consists of; of functions it is remembered elsewhere."""
+    if isinstance(part, Model | Bias | Gaussian):
+        yield seen_now(of_object, part)
+        part = vars(part)
+    if isinstance(part, dict):
+        yield seen_now(of_dict, part)
+        part = tuple(part.values())
+    if isinstance(part, tuple):
+        for one in part:
+            yield from _places_of(one)
+    elif isinstance(part, np.ndarray):
+        yield seen_now(flags, part)
+
+
+def _is_fixed(seen: tuple[Any, ...]) -> bool:
+    """Whether nobody can write to an array."""
+    writeable, base = seen
+    return not writeable and base is None
+
+
+def _made_current(model: Model, functions: list[tuple[Any, _Known]]) -> Model:
+    """A model of the functions that stand for its own, which are added to `functions`."""
+
+    def now(function: Any) -> Any:
+        if not callable(function) or getattr(function, "__code__", None) is _CODE:
+            return function
+        functions.append((function, _found(function)))
+        return functions[-1][1].stand_in
+
     if isinstance(model, SwitchingModel):
-        switching = model.with_models([current_model(m) for m in model.models])
-        switching.transition = _if_function(model.transition)
+        switching = model.with_models([_made_current(m, functions) for m in model.models])
+        switching.transition = now(model.transition)
         return switching
     made = object.__new__(Model)
     made.__dict__.update(
         model.__dict__,
-        motion=current(model.motion),
-        sensors={s: current(h) for s, h in model.sensors.items()},
-        domain=None if model.domain is None else current(model.domain),
-        constraints=tuple(replace(c, function=current(c.function)) for c in model.constraints),
-        Q=_if_function(model.Q),
-        R={s: _if_function(R) for s, R in model.R.items()},
+        motion=now(model.motion),
+        sensors={s: now(h) for s, h in model.sensors.items()},
+        domain=now(model.domain),
+        constraints=tuple(replace(c, function=now(c.function)) for c in model.constraints),
+        Q=now(model.Q),
+        R={s: now(R) for s, R in model.R.items()},
     )
     if model.bias is not None:
         made.bias = bias = object.__new__(type(model.bias))
         bias.__dict__.update(
             model.bias.__dict__,
-            motion=_if_function(model.bias.motion),
-            sensor={s: _if_function(F) for s, F in model.bias.sensor.items()},
-            Q=_if_function(model.bias.Q),
+            motion=now(model.bias.motion),
+            sensor={s: now(F) for s, F in model.bias.sensor.items()},
+            Q=now(model.bias.Q),
         )
     return made
-
-
-def _if_function(noise: Any) -> Any:
-    return current(noise) if callable(noise) else noise
 
 
 def _key(function: Any) -> tuple[int, ...]:

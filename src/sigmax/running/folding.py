@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable, Iterator
-from functools import lru_cache
 from typing import Any
 
 import jax.numpy as jnp
@@ -16,7 +15,8 @@ from sigmax.models.checks import is_traced
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.rules import SigmaPoints
-from sigmax.spaces import Flat, Space
+from sigmax.running.current import found_once
+from sigmax.spaces import Flat
 
 # Radians from the mean beyond which a pair of points no longer tells the slope of a sine by its sign and size.
 _FAR = 1.0
@@ -43,13 +43,13 @@ def folding(filter: Filter, model: Model, prior: Gaussian, inputs: int | None) -
     Points at ±γσ of a course see opposite sines at half a turn, and filters then lock on to the opposite course
     (Sobolev, VIII.B with P0 as printed). The arguments are those of `warn_of_folding`.
     """
+    turning, reach = _turning(model, filter)
+    if not turning or is_traced(prior.mean) or is_traced(prior.cov) or prior.dim != model.dim:
+        return
+    # No point is further than its length in deviations, which costs no root.
+    if max(prior.cov[..., i, i].max() for i in turning) * reach**2 < _FAR**2:
+        return
     rules = {"motion": filter.predict} | dict.fromkeys(model.sensors, filter.correct)
-    if not any(isinstance(rule, SigmaPoints) for rule in rules.values()):
-        return
-    if is_traced((prior.mean, prior.cov)) or prior.dim != model.dim:
-        return
-    if _near(model, prior, {rule for rule in rules.values() if isinstance(rule, SigmaPoints)}):
-        return
     if not model.space.flat:
         yield from _wrapping(filter, model, prior)
         return
@@ -76,28 +76,16 @@ def folding(filter: Filter, model: Model, prior: Gaussian, inputs: int | None) -
             )
 
 
-def _near(model: Model, prior: Gaussian, rules: set[SigmaPoints]) -> bool:
-    """Whether no point can be far: none is further than its length in deviations. It costs no root."""
-    turning = list(_turning(model.space))
-    if not turning:
-        return True
-    variances = np.asarray(prior.cov)[..., turning, turning].max()
-    return bool(variances * max(_reach(rule, model.dim) for rule in rules) ** 2 < _FAR**2)
-
-
-@lru_cache(maxsize=256)
-def _turning(space: Space) -> tuple[int, ...]:
-    """Deviations that turn."""
+@found_once
+def _turning(model: Model, filter: Filter) -> tuple[list[int], float]:
+    """Deviations that turn, none where there are no sigma points; and the length of the longest point."""
     found: list[int] = []
-    for p, _, to in space.parts():
+    rules = [rule for rule in (filter.predict, filter.correct) if isinstance(rule, SigmaPoints)]
+    if not rules:
+        return found, 0.0
+    for p, _, to in model.space.parts():
         found += [to.start + k for k in range(p.dim) if (p.periodic[k] if isinstance(p, Flat) else k < p.turns)]
-    return tuple(found)
-
-
-@lru_cache(maxsize=256)
-def _reach(rule: SigmaPoints, n: int) -> float:
-    """The length of the longest point of n deviations."""
-    return float(np.linalg.norm(rule.points(n).points, axis=1).max())
+    return found, max(float(np.linalg.norm(rule.points(model.dim).points, axis=1).max()) for rule in rules)
 
 
 def _root(prior: Gaussian) -> np.ndarray:

@@ -3,12 +3,11 @@
 import functools
 import warnings
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.interpreters.partial_eval import dce_jaxpr
 
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
@@ -16,13 +15,9 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of, takes
 from sigmax.models.switching import SwitchingModel
-from sigmax.native.refusal import user_line
-from sigmax.running.bounds import check_indices
-from sigmax.running.plain_calls import check_calls
-from sigmax.running.precision import coarse_constants
-
-# What is returned in another shape, and what to write.
-_SHAPED = {0: ", a number: write np.array([…]) around it", 2: ": write .ravel() behind it"}
+from sigmax.running.current import found_once
+from sigmax.running.plain_calls import check_calls, is_compared
+from sigmax.running.shapes import shape, shape_of
 
 
 def check_functions(
@@ -47,7 +42,7 @@ def check_functions(
     """
     driven = u is not None
     captured = check_shapes(model, u.shape[-1] if driven else None, sizes, dtype)
-    if captured or is_traced((prior, dt, u)):
+    if captured or any(map(is_traced, (prior.mean, prior.cov, dt, u))):
         return captured
     if isinstance(model, SwitchingModel):
         for part in model.models:
@@ -55,6 +50,8 @@ def check_functions(
             rows = [model.deviations.index(name) for name in part.deviations]
             cov = prior.cov[..., rows, :][..., rows]
             check_functions(part, Gaussian(prior.mean[..., at], cov), dt, u, sizes, dtype)
+        return False
+    if not _needs_numbers(model, driven, tuple(sizes.items())):
         return False
     start = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0], dtype)
     first_dt = np.asarray(np.ravel(dt)[0], dtype)
@@ -83,25 +80,44 @@ def check_shapes(model: Model, inputs: int | None, sizes: Mapping[str, int], dty
     if isinstance(model, SwitchingModel):
         of_modes = [check_shapes(m, inputs, sizes, dtype) for m in model.models]
         return any(of_modes)
+    captured, said = _shapes(model, inputs, tuple(sizes.items()), dtype)
+    for text in said:
+        warnings.warn(text, stacklevel=2)
+    return captured
+
+
+@found_once
+def _needs_numbers(model: Model, driven: bool, measured: tuple[tuple[str, int], ...]) -> bool:
+    """Whether noises are functions, or any function may be given numbers to compare."""
+    functions = (model.motion, *(model.sensors[s] for s, _ in measured))
+    return any(_noises(model, driven, dict(measured))) or any(map(is_compared, functions))
+
+
+@found_once
+def _shapes(
+    model: Model, inputs: int | None, measured: tuple[tuple[str, int], ...], dtype: Any
+) -> tuple[bool, tuple[str, ...]]:
+    """See `check_shapes`, of a model of one mode; and what is to be warned of."""
+    sizes, said = dict(measured), list[str]()
     n = model.size
     x, second = (jax.ShapeDtypeStruct(shape, dtype) for shape in ((n,), ()))
     given = () if inputs is None else (jax.ShapeDtypeStruct((inputs,), dtype),)
     found: list[bool] = []
     if model.domain is not None:
-        found.append(_shape_of("domain", model.domain, (x,), n, model.state))
+        found.append(shape_of("domain", model.domain, (x,), n, model.state, said))
     if given or not model.motion_driven:
         arguments = (x, second, *given)[: 3 if model.motion_inputs else 2]
-        found.append(_shape_of("motion", model.motion, arguments, n, model.state))
+        found.append(shape_of("motion", model.motion, arguments, n, model.state, said))
     sizes = {s: size for s, size in sizes.items() if given or not model.sensor_driven(s)}
     for s, size in sizes.items():
         names = model.measurement[s] or [f"column {i}" for i in range(size)]
         arguments = (x, *given)[: 2 if model.sensor_inputs[s] else 1]
-        found.append(_shape_of(f"sensor {s!r}" if s else "sensor", model.sensors[s], arguments, size, names))
+        found.append(shape_of(f"sensor {s!r}" if s else "sensor", model.sensors[s], arguments, size, names, said))
     if model.bias is not None:
-        found += _check_bias(model, x, second, given, sizes)
+        found += _check_bias(model, x, second, given, sizes, said)
     for label, function, allowed, _ in _noises(model, bool(given), sizes):
-        found.append(_shape(label, function, arguments_of(function, label, allowed, x, second, given)).captured)
-    return any(found)
+        found.append(shape(label, function, arguments_of(function, label, allowed, x, second, given), said).captured)
+    return any(found), tuple(said)
 
 
 def _noises(model: Model, driven: bool, sizes: Mapping[str, int]) -> Iterator[tuple[str, Any, tuple[int, ...], int]]:
@@ -121,7 +137,9 @@ def counted(model: Model) -> dict[str, int]:
     return {s: len(names) for s, names in model.measurement.items() if names is not None}
 
 
-def _check_bias(model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Mapping[str, int]) -> list[bool]:
+def _check_bias(
+    model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Mapping[str, int], said: list[str]
+) -> list[bool]:
     """Shapes of what a bias adds, where functions give it; a sensor's by the columns that were measured."""
     assert model.bias is not None
     p = model.bias.size
@@ -137,14 +155,14 @@ def _check_bias(model: Model, x: Any, dt: Any, given: tuple[Any, ...], sizes: Ma
         if C is None or (not given and callable(C) and takes(C, what, allowed) == allowed[-1]):
             continue
         if callable(C):
-            found = _shape(what, C, arguments_of(C, what, allowed, x, dt, given))
-            shape = found.shape
+            found = shape(what, C, arguments_of(C, what, allowed, x, dt, given), said)
+            made = found.shape
             captured.append(found.captured)
         else:
-            shape = C.shape
+            made = C.shape
             captured.append(is_traced(C))
-        if shape != (rows, p):
-            raise InputError(f"{what} must have the shape {(rows, p)}; it has {shape}")
+        if made != (rows, p):
+            raise InputError(f"{what} must have the shape {(rows, p)}; it has {made}")
     return captured
 
 
@@ -156,7 +174,7 @@ def _check_noise(label: str, function: Any, arguments: tuple[np.ndarray, ...], s
 def _check_noise_at(label: str, function: Any, at: tuple[tuple[tuple[int, ...], str, bytes], ...], size: int) -> None:
     """Made once for the same arguments: evaluating a function outside a compilation takes milliseconds."""
     arguments = [jnp.asarray(np.frombuffer(content, kind).reshape(shape)) for shape, kind, content in at]
-    _shape(label, function, tuple(jax.ShapeDtypeStruct(a.shape, a.dtype) for a in arguments))
+    shape(label, function, tuple(jax.ShapeDtypeStruct(a.shape, a.dtype) for a in arguments), [])
     value = numbers(f"{label}(…)", function(*arguments))
     if is_traced(value):
         return
@@ -165,90 +183,3 @@ def _check_noise_at(label: str, function: Any, at: tuple[tuple[tuple[int, ...], 
             f"{label}(…) must give a covariance of shape {(size, size)} or {size} variances, not {value.shape}"
         )
     symmetric_semidefinite(f"{label}(…) at the start", np.diag(value) if value.ndim == 1 else value)
-
-
-class _Evaluated(NamedTuple):
-    """What a function gives: shape, type, whether it depends on anything.
-
-    And what it holds: constants of too few digits, and whether a number that is being traced.
-    """
-
-    shape: tuple[int, ...]
-    kind: np.dtype[Any]
-    varies: bool
-    coarse: list[str]
-    captured: bool
-
-
-@functools.lru_cache(maxsize=512)
-def _evaluated(function: Any, arguments: tuple[Any, ...]) -> _Evaluated:
-    """Found once, because tracing costs more than a short run."""
-    traced, made = jax.make_jaxpr(lambda *a: _as_array(function(*a)), return_shape=True)(*arguments)
-    check_indices(traced)
-    _, used = dce_jaxpr(traced.jaxpr, [True])
-    double = arguments[0].dtype == np.float64
-    coarse = coarse_constants(function, traced) if double else []
-    if double and made.dtype == np.float32:
-        coarse.append("what it returns")
-    return _Evaluated(made.shape, np.dtype(made.dtype), any(used), coarse, is_traced(traced.consts))
-
-
-def _as_array(result: Any) -> jax.Array:
-    if result is None:
-        raise InputError("it returns nothing: is a return missing?")
-    try:
-        return jnp.asarray(result)
-    except (TypeError, ValueError) as error:
-        if isinstance(error, jax.errors.JAXTypeError):
-            raise
-        raise InputError(f"it returns {type(result).__name__}, which is no array of numbers; {error}") from error
-
-
-def _shape(what: str, function: Any, arguments: tuple[Any, ...]) -> _Evaluated:
-    """What a function gives, of real numbers or of whole ones that are the same for all arguments."""
-    try:
-        found = _evaluated(function, arguments)
-    except InputError as error:
-        raise InputError(f"{what}: {error}") from error
-    except IndexError as error:
-        shapes = [a.shape for a in arguments]
-        raise InputError(
-            f"{what}, given arrays of the shapes {shapes} (a state is (n,), no column (n, 1)): {error}"
-        ) from error
-    except (jax.errors.JAXTypeError, jax.errors.ConcretizationTypeError) as error:
-        where = user_line(error)
-        raise InputError(
-            f"{what} needs its numbers to be known while it is compiled{f' ({where})' if where else ''}: write it with "
-            "numpy or jax.numpy, where() in the place of if, without float(); or hand it over as "
-            "sigmax.models.opaque(…)"
-        ) from error
-    except Exception as error:
-        error.add_note(
-            f"sigmax: this happened while evaluating {what} on arrays of shapes {[a.shape for a in arguments]}"
-        )
-        raise
-    if found.coarse:
-        warnings.warn(
-            f"in {what} {' and '.join(found.coarse)} has the seven digits of float32, and the run is in float64: make "
-            "it after `import sigmax`, or from Python's own floats; .astype(float) says that they are all there are",
-            stacklevel=2,
-        )
-    if not jnp.issubdtype(found.kind, jnp.floating) and (found.varies or found.kind.kind not in "iu"):
-        raise InputError(
-            f"{what} must return real numbers of float64; it returns {found.kind}, which has no derivative: leave out "
-            "the conversion to whole numbers, complex ones or truth values"
-        )
-    return found
-
-
-def _shape_of(what: str, function: Any, arguments: tuple[Any, ...], size: int, names: Any) -> bool:
-    found = _shape(what, function, arguments)
-    if not jnp.issubdtype(found.kind, jnp.floating):
-        raise InputError(f"{what} must return real numbers of float64, it returns {found.kind}: write 1.0 for 1")
-    if found.shape != (size,):
-        named = list(names)
-        hint = _SHAPED.get(len(found.shape), "") if np.prod(found.shape) == size else ""
-        raise InputError(
-            f"{what} must return the {size} components {named}, shape ({size},); it returns {found.shape}{hint}"
-        )
-    return found.captured

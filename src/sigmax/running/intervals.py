@@ -79,9 +79,12 @@ def _not_times(value: Any) -> None:
     """Refuse the times of measurements in the place of the intervals between them."""
     if is_traced(value) or value.shape[-1] < 3:
         return
-    steps = np.diff(later := np.asarray(value)[..., 1:])
+    later = np.asarray(value)[..., 1:]
+    if not (later[..., 0] > 1e5).all():
+        return
+    steps = np.diff(later)
     # Intervals of more than a day, each of them longer than the last, and by less than a thousandth.
-    if (later[..., 0] > 1e5).all() and (steps > 0).all() and (steps.mean(-1) < 1e-3 * later[..., 0]).all():
+    if (steps > 0).all() and (steps.mean(-1) < 1e-3 * later[..., 0]).all():
         raise InputError(
             f"dt are the intervals between the measurements, in seconds; these look like their times, {later.min()} "
             f"to {later.max()}: give them as t=, and the time of the prior as t0= or by update_first=True"
@@ -96,6 +99,8 @@ def intervals(dt: Any, T: int, update_first: bool) -> Any:
     Raises:
         InputError: for what is not finite, negative or of another length.
     """
+    if type(dt) in (float, int) and 0 <= dt < 1e300 and not update_first:
+        return np.full(T, float(dt))
     by_time = isinstance(dt, Times)
     if by_time:
         value = dt.intervals(T, update_first)

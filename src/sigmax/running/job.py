@@ -8,6 +8,7 @@ import numpy as np
 
 from sigmax.models.model import Model
 from sigmax.native.driver import EMPTY, Record, Rows, Sensor, Smoothing, Step, over_cores, pointer, series
+from sigmax.running.current import found_once
 from sigmax.running.lowered import Lowered
 from sigmax.running.packing import Packing
 from sigmax.running.step import Innovation
@@ -56,6 +57,11 @@ def bind(low: Lowered, model: Model, *parts: tuple[Any, ...]) -> dict[tuple[Any,
         Refused: for what cannot be lowered.
         Unavailable: without a compiler, or where it fails.
     """
+    return _bound(model, low, parts)
+
+
+@found_once
+def _bound(model: Model, low: Lowered, parts: tuple[tuple[Any, ...], ...]) -> dict[tuple[Any, ...], BoundStep]:
     numbers = low.parameters(model)
     return {part: BoundStep(step, step.setup(numbers)) for part, step in zip(parts, low.need(*parts), strict=True)}
 

@@ -7,12 +7,15 @@ import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Bank, BySensor, Filter, ModeFilters
-from sigmax.models.augment import with_bias
+from sigmax.models.augment import augment
+from sigmax.models.bias import joint
 from sigmax.models.checks import enough_memory, is_traced
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
-from sigmax.running.current import check_model
+from sigmax.running.current import check_model, found_once
+
+augmented = found_once(augment)
 
 
 def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model, Gaussian]:
@@ -40,7 +43,10 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
     tracks, n = len(prior.mean) if prior.mean.ndim == 2 else 1, model.size + model.biases
     enough_memory(f"a filter of {tracks} tracks", (2.0 * n + n * n) * tracks)
     filter = filter.on(model.biases)
-    return filter, *with_bias(model, prior, filter.form.bias_first)
+    if model.bias is None:
+        return filter, model, prior
+    first = filter.form.bias_first
+    return filter, augmented(model, first), joint(prior, model.bias.prior, first)
 
 
 def modes_of(filter: Filter, model: Model) -> list[tuple[Filter, Model]]:

@@ -11,12 +11,14 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, takes
+from sigmax.running.current import found_once
 
 # Three states of different size for each interval and input.
 _SCALES = (1.0, 1e3, 1e7)
 _INTERVALS = (0.0173, 0.93, 7.1, 61.0)
 
 
+@found_once
 def check_linear(model: Model, inputs: int | None) -> None:
     """Refuse a model whose derivative in the state is not the same everywhere, its domain and bias included.
 

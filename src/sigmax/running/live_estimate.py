@@ -9,6 +9,7 @@ from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
 from sigmax.running.clocked_engine import ClockedEngine
+from sigmax.running.covariances import Moments
 from sigmax.running.layout import Layout
 from sigmax.running.live_native import NativeState
 from sigmax.running.presentation import estimates, probabilities
@@ -66,6 +67,14 @@ class LiveEstimate:
         """Its covariance (n, n) or (B, n, n)."""
         cov = self._clocked.still.read_cov()
         return cov[..., self._deviations[0], self._deviations[0]] if self._biased else cov
+
+    @property
+    def moments(self) -> Moments:
+        """The estimate and its covariance, read in one call: `mean, cov = live.moments`."""
+        both: Moments = self._clocked.still.read_moments()
+        if not self._biased:
+            return both
+        return Moments(both.mean[..., self._numbers[0]], both.cov[..., self._deviations[0], self._deviations[0]])
 
     @property
     def std(self) -> np.ndarray:

@@ -10,6 +10,7 @@ from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.native.calls import ready
 from sigmax.native.driver import Squares, pointer
+from sigmax.running.covariances import Moments
 from sigmax.running.job import bind, empty_innovation, one_step, record
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.native_engine import smoother, started
@@ -27,6 +28,7 @@ class NativeState:
             or returns NotImplemented where they need a closer look. Only of sensors that are known beforehand.
         read_mean: gives the mean (n,) or (B, n).
         read_cov: gives the covariance (n, n) or (B, n, n).
+        read_moments: gives both.
     """
 
     def __init__(self, filter: Filter, model: Model, mean: np.ndarray, cov: np.ndarray) -> None:
@@ -42,17 +44,20 @@ class NativeState:
         named = {} if driven else {s: len(m) for s, m in model.measurement.items() if m is not None}
         if not driven:
             low.need(("start",), ("predict",), *(("correct", *about) for about in named.items()))
-        self.rows = started(low, model, mean, cov, len(mean) if self._batched else 1)
+        self.rows = started(low, bind(low, model, ("start",)), mean, cov, len(mean) if self._batched else 1)
         self.fault = np.zeros(len(self.rows), np.int8)
         self._calls: dict[Any, Callable[..., Any]] = {}
         self._smoothers: dict[int, Callable[..., tuple[Any, ...]]] = {}
         tracks = slice(None) if self._batched else 0
         points, n, _ = self.packing
-        self.read_mean = ready(None, None, len(self.rows), (), (self.rows[tracks, :points],), kept=self.rows)
+        mean = self.rows[tracks, :points]
+        self.read_mean = ready(None, None, len(self.rows), (), (mean,), kept=self.rows)
         factors = self.rows[:, points : self.packing.head]
         P = np.empty((len(self.rows), n, n), self.dtype)
         squaring = Squares(n, low.packing.size, 1, pointer(factors), pointer(P))
-        self.read_cov = ready(low.driver["squares"], squaring, len(P), (), (P[tracks],), kept=factors)
+        squares = low.driver["squares"], squaring, len(P), ()
+        self.read_cov = ready(*squares, (P[tracks],), kept=factors)
+        self.read_moments = ready(*squares, (mean, P[tracks]), Moments, kept=factors)
         self.whole: dict[str | None, Callable[..., Any]] = {
             (s if model.several else None): self._ready(s, size, True, None, None) for s, size in named.items()
         }

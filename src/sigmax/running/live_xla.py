@@ -13,7 +13,7 @@ from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.models.opaque import failures_raised
 from sigmax.running.advance import Advanced, Instant, advance
-from sigmax.running.covariances import covariances
+from sigmax.running.covariances import Moments, covariances
 from sigmax.running.half_steps import half_steps
 from sigmax.running.packing import Packing
 from sigmax.running.smooth import backwards
@@ -55,6 +55,10 @@ class XlaState:
         """(n, n) or (B, n, n)."""
         made: np.ndarray = covariances(self.factor)
         return made
+
+    def read_moments(self) -> Moments:
+        """Both."""
+        return Moments(self.read_mean(), self.read_cov())
 
     def belief_of(self, held: Any) -> Any:
         """What was held, as a belief."""

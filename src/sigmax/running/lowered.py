@@ -17,6 +17,7 @@ from sigmax.native.fingerprint import fingerprint
 from sigmax.native.graph import Array, array_of
 from sigmax.native.loops import Loops
 from sigmax.running import traced
+from sigmax.running.current import found_once
 from sigmax.running.fusing import with_members_live
 from sigmax.running.half_steps import back_steps, half_steps
 from sigmax.running.packing import Packing
@@ -226,8 +227,15 @@ def lowered(
     filter: Filter, model: Model, inputs: int, dtype: Any, known_zeros: bool = True, alone: bool = False
 ) -> Lowered:
     """The compiled half-steps for a model, shared by models that differ in the numbers of their noises alone."""
+    return _of_model(model, filter, inputs, np.dtype(dtype), known_zeros, alone, traced.LONGEST)
+
+
+@found_once
+def _of_model(
+    model: Model, filter: Filter, inputs: int, dtype: Any, known_zeros: bool, alone: bool, longest: int
+) -> Lowered:
     leaves, structure = jax.tree.flatten(model)
-    return _lowered(filter, structure, _zeros(leaves, known_zeros), inputs, np.dtype(dtype), alone, traced.LONGEST)
+    return _lowered(filter, structure, _zeros(leaves, known_zeros), inputs, dtype, alone, longest)
 
 
 def with_numbers(filter: Filter, model: Model, inputs: int, dtype: Any) -> Lowered:

@@ -19,9 +19,8 @@ def _lower_places(n: int) -> tuple[np.ndarray, ...]:
     return np.tril_indices(n)
 
 
-def started(low: Lowered, model: Model, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.ndarray:
-    """The rows (B, size) of a prior: the same for all tracks where it has no batch."""
-    (step,) = low.need(("start",))
+def started(low: Lowered, parts: job.Parts, mean: np.ndarray, cov: np.ndarray, batch: int) -> np.ndarray:
+    """The rows (B, size) of a prior, by the part "start": the same for all tracks where it has no batch."""
     points = low.packing.points
     i, j = _lower_places(low.packing.n)
     lower = cov[..., i, j]
@@ -29,8 +28,7 @@ def started(low: Lowered, model: Model, mean: np.ndarray, cov: np.ndarray, batch
     count = 1 if alone else batch
     given, out = (np.empty((count, size), low.dtype) for size in (low.packing.head, low.packing.size))
     given[:, :points], given[:, points:] = mean, lower
-    part = job.BoundStep(step, step.setup(low.parameters(model)))
-    job.execute(low, "rows", job.rows(part, given, out), count)
+    job.execute(low, "rows", job.rows(parts["start",], given, out), count)
     return np.repeat(out, batch, 0) if alone else out
 
 
@@ -43,11 +41,10 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
     """
     z = {s: np.ascontiguousarray(v) for s, v in ready.z.items()}
     low = lowered(ready.filter, ready.model, 0 if ready.u is None else ready.u.shape[-1], ready.mean.dtype)
-    needed = [("predict",), *(("correct", s, v.shape[-1]) for s, v in z.items())]
-    low.need(("start",), *needed)
+    parts = job.bind(low, ready.model, ("start",), ("predict",), *(("correct", s, v.shape[-1]) for s, v in z.items()))
     B, T, dtype = 1 if ready.batch is None else ready.batch, ready.dt.shape[-1], low.dtype
     points, n, members = low.packing
-    state = started(low, ready.model, ready.mean, ready.cov, B)
+    state = started(low, parts, ready.mean, ready.cov, B)
 
     def array(part: str, *shape: int, of: Any = dtype) -> np.ndarray | None:
         return np.empty((B, T, *shape), of) if part in keep else None
@@ -68,7 +65,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
         },
     )
     u = None if ready.u is None else np.ascontiguousarray(ready.u)
-    parts, dt = job.bind(low, ready.model, *needed), np.ascontiguousarray(ready.dt)
+    dt = np.ascontiguousarray(ready.dt)
     task = job.record(low.packing, parts, ready.model, state, z, dt, u, out, int(ready.update_first))
     job.execute(low, "record", task, B)
     return _kept(out, ready.batch is not None)

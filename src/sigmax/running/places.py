@@ -29,15 +29,21 @@ class Place(NamedTuple):
 def unchanged(places: Iterable[Place]) -> bool:
     """Whether each place holds the very things that were seen there; equal ones may have changed, too."""
     try:
-        return all(_same(look(at), seen) for look, at, seen in places)
+        for look, at, seen in places:
+            now = look(at)
+            if type(seen) is not tuple:
+                if now != seen:
+                    return False
+            elif len(now) != len(seen) or not all(map(is_, now, seen)):
+                return False
     except Exception:  # what cannot be looked at any more is no longer the same
         return False
+    return True
 
 
-def _same(now: Any, seen: Any) -> bool:
-    if type(seen) is not tuple:
-        return bool(now == seen)
-    return len(now) == len(seen) and all(map(is_, now, seen))
+def seen_now(look: Callable[[Any], Any], at: Any) -> Place:
+    """A place with what is there."""
+    return Place(look, at, look(at))
 
 
 def named(names: Sequence[str], there: Any) -> tuple[Any, ...]:
@@ -104,6 +110,11 @@ def of_slots(members: Sequence[Any], thing: Any) -> tuple[Any, ...]:
         except AttributeError:
             found.append(_NOTHING)
     return tuple(found)
+
+
+def flags(array: np.ndarray) -> tuple[Any, ...]:
+    """Whether an array can be written to, and the array whose numbers it has."""
+    return array.flags.writeable, array.base
 
 
 def content(array: np.ndarray) -> Any:

@@ -31,8 +31,7 @@ def check_calls(
         InputError: where a function gives something else when it is called, or something else every time.
     """
     for what, function, rest in _functions(model, dt, u, sizes):
-        own = getattr(function, "__wrapped__", function)
-        if not isinstance(own, Traceable) or own.with_jax or function in _compared:
+        if not is_compared(function) or function in _compared:
             continue
         _compared.add(function)
         points = [[x, *rest] for x in _states(prior, dt.dtype)]
@@ -40,6 +39,12 @@ def check_calls(
             check_alike(function, points)
         except InputError as error:
             raise InputError(f"{what}: {error}") from error
+
+
+def is_compared(function: Callable[..., Any]) -> bool:
+    """Whether a function is traced in another way than it is called, so that the two are compared."""
+    own = getattr(function, "__wrapped__", function)
+    return isinstance(own, Traceable) and not own.with_jax
 
 
 def _functions(

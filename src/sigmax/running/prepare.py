@@ -16,7 +16,7 @@ from sigmax.models.model import Model
 from sigmax.models.noise_by_row import noises_by_row, with_noise_by_row
 from sigmax.models.stack import stack
 from sigmax.models.switching import SwitchingModel
-from sigmax.running.current import current_model
+from sigmax.running.current import current_model, found_once
 from sigmax.running.folding import warn_of_folding
 from sigmax.running.functions import check_functions
 from sigmax.running.intervals import intervals
@@ -60,6 +60,12 @@ class Prepared(NamedTuple):
     update_first: bool = False
     captured: bool = False
     inputs: Any = None
+
+    @property
+    def traced(self) -> bool:
+        """Whether any of its numbers, or one that a function of the model holds, is being traced."""
+        given = self.mean, self.cov, self.dt, self.u, self.inputs, self.fused, *self.z.values()
+        return self.captured or any(map(is_traced, given)) or _traced(self.model)
 
 
 def as_filter(filter: Filter | str | None, model: Model | None = None) -> Filter:
@@ -145,14 +151,14 @@ def prepare(
 
     return Prepared(
         filter,
-        cast(model, dtype),
+        _cast(model, dtype),
         typed(prior.mean, dtype),
         typed(prior.cov, dtype),
         {s: typed(v, dtype) for s, v in measured.items()},
         typed(elapsed, dtype),
         None if u is None else typed(u, dtype),
         batch,
-        Layout.of(given, batch is not None, filter.form.bias_first),
+        _layout(given, batch is not None, filter.form.bias_first),
         fused,
         update_first,
         captured,
@@ -199,6 +205,9 @@ def cast(model: Model, dtype: Any) -> Model:
     if all(isinstance(leaf, np.ndarray) and leaf.dtype == dtype for leaf in leaves):
         return model
     return jax.tree.map(lambda leaf: typed(leaf, dtype), model)
+
+
+_traced, _cast, _layout = found_once(is_traced), found_once(cast), found_once(Layout.of)
 
 
 def _inputs(model: Model, inputs: Any, T: int) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 
 from sigmax.native.fingerprint import FOR_READERS
 from sigmax.running import places
-from sigmax.running.places import Place
+from sigmax.running.places import Place, seen_now
 
 _PLACES = sysconfig.get_paths()
 _LIBRARIES = (str(Path(__file__).parents[1]), *(_PLACES[k] for k in ("stdlib", "platstdlib", "purelib", "platlib")))
@@ -42,9 +42,8 @@ class Reading(NamedTuple):
 
     def look(self, how: Callable[[Any], Any], at: Any) -> Any:
         """What is at a place now, which is remembered."""
-        seen = how(at)
-        self.places.append(Place(how, at, seen))
-        return seen
+        self.places.append(seen_now(how, at))
+        return self.places[-1].seen
 
 
 def read(thing: Any) -> Reading:

@@ -94,7 +94,7 @@ class RowSteps:
         return attempt(
             self.backend,
             False,
-            lambda: started(lowered(self.filter, self.model, 0, self.dtype), self.model, mean, cov, len(mean)),
+            lambda: started(*self._parts(("start",), 0), mean, cov, len(mean)),
             xla,
         )
 

@@ -76,7 +76,7 @@ def run(
     times = times_of(t, t0)
     ready = prepare(chosen, model, prior, z, steps_given(dt, t, times), inputs, dtype, update_first, keep, R)
     kept = frozenset(keep) | ({"dof"} if ready.fused is not None else set())
-    traced = ready.captured or is_traced(ready)
+    traced = ready.traced
     total, parts = attempt(
         backend,
         traced,
@@ -84,8 +84,11 @@ def run(
         lambda: xla_engine.filtered(kept, ready, traced),
     )
     each = () if isinstance(ready.filter, Bank) else ready.z
-    named = ready.layout._replace(filter=chosen.name, dated=times is not None and times.dated)
-    layout = named._replace(weights=tuple((s, update_on(ready.filter, ready.model, s).weight) for s in each))
+    layout = ready.layout._replace(
+        filter=chosen.name,
+        dated=times is not None and times.dated,
+        weights=tuple((s, update_on(ready.filter, ready.model, s).weight) for s in each),
+    )
     if ready.fused is not None:
         total, parts = with_members(parts, total, ready.fused)
         layout = layout._replace(fusion=how(ready.filter, model))
@@ -130,7 +133,9 @@ def _steps_taken(ready: Prepared, kept: Collection[str]) -> dict[str, Any]:
     """A copy of intervals and inputs for what can be smoothed; views of it for each track where there are tracks."""
     if not {"mean", "factor", "fault"} <= set(kept):
         return {}
-    array: Any = jnp if is_traced((ready.dt, ready.inputs)) else np
+    array: Any = jnp if is_traced(ready.dt) or is_traced(ready.inputs) else np
+    if ready.batch is None and ready.inputs is None:
+        return {"stored_dt": array.array(ready.dt), "stored_inputs": None}
     tracks = () if ready.batch is None else (ready.batch,)
     return {
         "stored_dt": array.broadcast_to(array.array(ready.dt), (*tracks, ready.dt.shape[-1])),
