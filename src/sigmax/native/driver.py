@@ -28,11 +28,15 @@ class Step(NamedTuple):
         address: of its C function.
         setup: what stays the same over all steps, from the parameters.
         workspace: numbers of each lane that it needs room for.
+        preparing: the address of the C function behind `setup`.
+        constants: how many numbers that makes.
     """
 
     address: int
     setup: Callable[[np.ndarray], np.ndarray]
     workspace: int
+    preparing: int
+    constants: int
 
 
 class Series(ctypes.Structure):
@@ -58,6 +62,15 @@ class Sensor(ctypes.Structure):
     ]
 
 
+class Settled(ctypes.Structure):
+    """A step at a factor and an interval that stay the same, see record.c."""
+
+    _fields_ = [
+        *((k, ctypes.c_void_p) for k in ("step", "setup", "numbers")),
+        *((k, ctypes.c_long) for k in ("count", "constants")),
+    ]
+
+
 class Record(ctypes.Structure):
     """A record to be filtered, see record.c."""
 
@@ -73,6 +86,7 @@ class Record(ctypes.Structure):
         ),
         ("moving_from", ctypes.c_long),
         ("workspace", ctypes.c_long),
+        ("settled", ctypes.POINTER(Settled)),
     ]
 
 
@@ -173,9 +187,10 @@ def _step(library: ctypes.CDLL, dtype: np.dtype[Any]) -> Step:
         library.setup(ctypes.c_void_p(given.ctypes.data), ctypes.c_void_p(made.ctypes.data))
         return made
 
-    address = ctypes.cast(library.step, ctypes.c_void_p).value
+    address, preparing = (ctypes.cast(f, ctypes.c_void_p).value for f in (library.step, library.setup))
     assert address is not None
-    return Step(address, setup, library.workspace())
+    assert preparing is not None
+    return Step(address, setup, library.workspace(), preparing, size)
 
 
 @cache

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.models.model import Model
-from sigmax.native.driver import EMPTY, Record, Rows, Sensor, Smoothing, Step, over_cores, pointer, series
+from sigmax.native.driver import EMPTY, Record, Rows, Sensor, Settled, Smoothing, Step, over_cores, pointer, series
 from sigmax.running.current import found_once
 from sigmax.running.lowered import Lowered
 from sigmax.running.packing import Packing
@@ -81,6 +81,7 @@ def record(
     u: np.ndarray | None,
     out: Outputs,
     moving_from: int = 0,
+    settled: Settled | None = None,
 ) -> Record:
     """A record to be filtered: the job that `run`, a live step (T = 1) and steps of rows (T = 1) are.
 
@@ -94,6 +95,7 @@ def record(
         u: (T, k) or (B, T, k), or None.
         out: where the results go.
         moving_from: the first step that is predicted.
+        settled: its steps once the covariance has settled.
     """
     sensors = [_sensor(parts, model, s, v, out.innovation.get(s)) for s, v in z.items()]
     predict = None if dt is None else parts[("predict",)]
@@ -116,6 +118,7 @@ def record(
         *map(pointer, (out.total, out.mean, out.factor, out.nis, out.log_likelihood, out.fault, out.dof, out.rest)),
         moving_from,
         max((part.step.workspace for part in parts.values()), default=0),
+        None if settled is None else ctypes.pointer(settled),
     )
 
 

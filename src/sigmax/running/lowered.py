@@ -21,6 +21,7 @@ from sigmax.running.current import found_once
 from sigmax.running.fusing import with_members_live
 from sigmax.running.half_steps import back_steps, half_steps
 from sigmax.running.packing import Packing
+from sigmax.running.steady_step import steady_step
 from sigmax.running.traced import Traced
 
 # What `correct` tells, in the order of record.c.
@@ -60,7 +61,7 @@ class Lowered:
         self._made: dict[tuple[Any, ...], Step] = {}
 
     def need(self, *parts: tuple[Any, ...]) -> list[Step]:
-        """Compiled parts: ("start",), ("predict",), ("correct", sensor, size) or ("back",).
+        """Compiled parts: ("start",), ("predict",), ("correct", sensor, size), ("steady", sensor, size) or ("back",).
 
         Raises:
             Refused: for what cannot be lowered.
@@ -91,6 +92,8 @@ class Lowered:
 
     def _chosen(self, part: str, *about: Any) -> Program | Loops:
         """One part of the filter as it is compiled; what runs but once in the least time."""
+        if part == "steady":  # what it supposes is known of scalars alone
+            return self.program(part, *about)
         return self._traced(part, *about).chosen(self._longest / (10 if part == "start" else 1))
 
     def _fingerprint(self, part: tuple[Any, ...]) -> str | None:
@@ -196,6 +199,10 @@ class Lowered:
             g,
             lambda out: {"next": self.packing.nodes(out[:-told]), "told": [x for a in out[-told:] for x in a.flat]},
         )
+
+    def _steady(self, sensor: str, size: int) -> Traced:
+        about = steady_step(self.filter, self.packing, self.dtype, sum(z.size for z in self.zeros), sensor, size)
+        return self._program(*about)._replace(inputs=("state", "given"))
 
     def _back(self) -> Traced:
         """A step of the smoother: the filtered state, the smoothed later one -> the smoothed one."""

@@ -11,7 +11,11 @@ from sigmax.models.model import Model
 from sigmax.running import job
 from sigmax.running.lowered import Lowered, lowered
 from sigmax.running.prepare import Prepared
+from sigmax.running.steady import settled
 from sigmax.running.step import Innovation
+
+# A single track of so many steps takes those that are made for one, which are compiled by themselves.
+_LONG = 2048
 
 
 @cache
@@ -40,9 +44,11 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
         Unavailable: without a compiler, or where it fails.
     """
     z = {s: np.ascontiguousarray(v) for s, v in ready.z.items()}
-    low = lowered(ready.filter, ready.model, 0 if ready.u is None else ready.u.shape[-1], ready.mean.dtype)
+    B, T = 1 if ready.batch is None else ready.batch, ready.dt.shape[-1]
+    inputs = 0 if ready.u is None else ready.u.shape[-1]
+    low = lowered(ready.filter, ready.model, inputs, ready.mean.dtype, alone=B == 1 and T >= _LONG)
     parts = job.bind(low, ready.model, ("start",), ("predict",), *(("correct", s, v.shape[-1]) for s, v in z.items()))
-    B, T, dtype = 1 if ready.batch is None else ready.batch, ready.dt.shape[-1], low.dtype
+    dtype = low.dtype
     points, n, members = low.packing
     state = started(low, parts, ready.mean, ready.cov, B)
 
@@ -66,7 +72,8 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
     )
     u = None if ready.u is None else np.ascontiguousarray(ready.u)
     dt = np.ascontiguousarray(ready.dt)
-    task = job.record(low.packing, parts, ready.model, state, z, dt, u, out, int(ready.update_first))
+    steady = settled(low, ready.model, {s: v.shape[-1] for s, v in z.items()}, T, u is not None)
+    task = job.record(low.packing, parts, ready.model, state, z, dt, u, out, int(ready.update_first), steady)
     job.execute(low, "record", task, B)
     return _kept(out, ready.batch is not None)
 

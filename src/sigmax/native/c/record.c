@@ -42,6 +42,17 @@ typedef struct {
     R *residual, *factor;
 } Sensor;
 
+/* A whole step at a factor and an interval that stay the same, which `setup` is told behind the model's numbers. */
+typedef struct {
+    Step step; /* (c, mean, z, next mean, told) */
+    void (*setup)(const R *parameters, R *c);
+    const R *numbers;
+    long count, constants; /* how many numbers, and what follows from them and from the factor */
+} Settled;
+
+/* What it tells: SOUND where each choice is that of the step it was made from; the residual after it. */
+enum { SETTLED_NIS, SETTLED_LIKELIHOOD, SOUND, SETTLED_RESIDUAL };
+
 typedef struct {
     long tracks, steps, points, n, size; /* numbers of the mean, rows of the factor, numbers of a row */
     Step predict; /* absent: no time passes */
@@ -57,6 +68,7 @@ typedef struct {
     R *rest; /* what stands behind mean and factor in a row */
     long moving_from; /* the first step that is predicted: 1 where the state given is that of the first */
     long workspace;   /* numbers of each lane that the steps need room for */
+    const Settled *settled; /* of the one sensor; absent where the factor depends on what is measured */
 } Record;
 
 /* The elements of the tracks from `first` on, a lane each; behind the last track its elements are repeated. */
@@ -86,26 +98,95 @@ static void put_factor(const V *from, long n, int lane, R *to) {
         for (long j = 0; j < n; j++) to[i * n + j] = j <= i ? (*from++)[lane] : 0;
 }
 
+/* Where a record stands after step t, for each of its lanes. */
+static void put_step(const Record *r, long first, int lanes, long t, const V *now, V nis, V likelihood, V fault, V dof) {
+    const long head = r->points + r->n * (r->n + 1) / 2;
+    for (int lane = 0; lane < lanes; lane++) {
+        const long at = (first + lane) * r->steps + t;
+        if (r->mean) put(now, r->points, lane, r->mean + at * r->points);
+        if (r->factor) put_factor(now + r->points, r->n, lane, r->factor + at * r->n * r->n);
+        if (r->rest) put(now + head, r->size - head, lane, r->rest + at * (r->size - head));
+        if (r->fault) r->fault[at] = (signed char)fault[lane];
+        if (r->nis) r->nis[at] = nis[lane];
+        if (r->dof) r->dof[at] = (long long)dof[lane];
+        if (r->log_likelihood) r->log_likelihood[at] = likelihood[lane];
+    }
+}
+
+static void put_innovation(const Record *r, long first, int lanes, long t, long s, const V *residual, const V *factor) {
+    const Sensor *sensor = r->sensor + s;
+    const long dim = sensor->dim;
+    for (int lane = 0; lane < lanes; lane++) {
+        const long at = (first + lane) * r->steps + t;
+        if (sensor->residual) put(residual, dim, lane, sensor->residual + at * dim);
+        if (sensor->factor) put(factor, dim * dim, lane, sensor->factor + at * dim * dim);
+    }
+}
+
+/* Rounding of a factor, in parts of its row: what the last bits of a recursion wander by. */
+#define WANDERING (sizeof(R) == 8 ? 0x1p-50 : 0x1p-21)
+
+/* Whether a factor is the same in all lanes, and in each row what it was, but for rounding. */
+static int unchanged(const V *factor, const V *before, long n) {
+    for (long i = 0; i < n; factor += ++i, before += i) {
+        R scale = 0;
+        for (long j = 0; j <= i; j++) scale += factor[j][0] < 0 ? -factor[j][0] : factor[j][0];
+        for (long j = 0; j <= i; j++)
+            if (v_any(v_unequal(factor[j], K(factor[j][0]))) ||
+                v_any(v_less(K((R)WANDERING * scale), v_abs(factor[j] - before[j]))))
+                return 0;
+    }
+    return 1;
+}
+
+/* Whether steps have settled. One that converges changes as much from the 2^k-th to the 2^(k+1)-th regular step as it
+   ever will again, but for the square of what it has changed by in parts of all: so it is looked at then alone. */
+typedef struct {
+    long regular; /* steps in a row of the same interval, with nothing missing */
+    int settled;
+    R dt;
+} Settling;
+
 /* Tracks [first, end). Steps of sensors that nobody heard from cost nothing. */
 void record(const Record *r, long first, long end) {
     const long head = r->points + r->n * (r->n + 1) / 2;
     long widest = 1;
     for (long s = 0; s < r->sensors; s++)
         if (r->sensor[s].z.size > widest) widest = r->sensor[s].z.size;
+    const Settled *steady = r->settled;
+    const long wide = steady ? head - r->points : 1, dims = steady ? r->sensor->dim : 1;
     const long inputs = 1 + widest + r->u.size, said = RESIDUAL + widest * (widest + 1);
-    V *const buffers = room(2 * r->size + inputs + said + r->workspace);
-    V *const given = buffers + 2 * r->size, *const told = given + inputs, *const w = told + said;
+    V *const buffers = room(2 * r->size + inputs + said + wide + dims * dims + r->workspace);
+    V *const given = buffers + 2 * r->size, *const told = given + inputs, *const before = told + said;
+    V *const innovation = before + wide, *const w = innovation + dims * dims;
+    R numbers[steady ? steady->count + wide + 1 : 1], c[steady ? steady->constants : 1];
     const V missing = K(__builtin_nan(""));
     for (; first < end; first += W) {
         const int lanes = first + W <= end ? W : (int)(end - first);
         V *now = buffers, *next = buffers + r->size, total = K(0);
         const Series start = {r->state, r->size, r->size, 0};
         gather(&start, first, end, 0, now);
+        Settling state = {0, 0, 0};
         for (long t = 0; t < r->steps; t++) {
+            V dt = K(0);
+            if (state.settled) {
+                gather(&r->dt, first, end, t, &dt);
+                gather(&r->sensor->z, first, end, t, given);
+                steady->step(c, w, now, given, next, told);
+                if (!v_any(v_unequal(dt, K(state.dt))) && !v_any(v_equal(told[SOUND], K(0)))) {
+                    for (long i = 0; i < r->points; i++) now[i] = next[i];
+                    total += told[SETTLED_LIKELIHOOD];
+                    put_innovation(r, first, lanes, t, 0, told + SETTLED_RESIDUAL, innovation);
+                    put_step(r, first, lanes, t, now, told[SETTLED_NIS], told[SETTLED_LIKELIHOOD], K(0), K((R)dims));
+                    continue;
+                }
+                state.settled = 0, state.regular = 0;
+            }
             V fault = K(0), nis = K(0), dof = K(0), likelihood = K(0), *swapped;
             if (r->predict && t >= r->moving_from) {
                 gather(&r->dt, first, end, t, given);
                 gather(&r->u, first, end, t, given + 1);
+                dt = given[0];
                 r->predict(r->c, w, now, given, next, told);
                 fault = told[0];
                 swapped = now, now = next, next = swapped;
@@ -131,23 +212,25 @@ void record(const Record *r, long first, long end) {
                     for (long i = 0; i < dim; i++) told[RESIDUAL + i] = missing;
                     for (long i = 0; i < dim * dim; i++) told[RESIDUAL + dim + i] = K(0);
                 }
-                for (int lane = 0; lane < lanes; lane++) {
-                    const long at = (first + lane) * r->steps + t;
-                    if (sensor->residual) put(told + RESIDUAL, dim, lane, sensor->residual + at * dim);
-                    if (sensor->factor) put(told + RESIDUAL + dim, dim * dim, lane, sensor->factor + at * dim * dim);
-                }
+                put_innovation(r, first, lanes, t, s, told + RESIDUAL, told + RESIDUAL + dim);
             }
             total += likelihood;
             nis = v_select(v_less(K(0), dof), nis, missing);
-            for (int lane = 0; lane < lanes; lane++) {
-                const long at = (first + lane) * r->steps + t;
-                if (r->mean) put(now, r->points, lane, r->mean + at * r->points);
-                if (r->factor) put_factor(now + r->points, r->n, lane, r->factor + at * r->n * r->n);
-                if (r->rest) put(now + head, r->size - head, lane, r->rest + at * (r->size - head));
-                if (r->fault) r->fault[at] = (signed char)fault[lane];
-                if (r->nis) r->nis[at] = nis[lane];
-                if (r->dof) r->dof[at] = (long long)dof[lane];
-                if (r->log_likelihood) r->log_likelihood[at] = likelihood[lane];
+            put_step(r, first, lanes, t, now, nis, likelihood, fault, dof);
+            if (!steady || !r->predict || t < r->moving_from) continue;
+            if (v_any(v_unequal(dt, K(state.dt))) || v_any(v_unequal(fault, K(0))) || v_any(v_unequal(dof, K((R)dims))))
+                state = (Settling){0, 0, dt[0]};
+            else if (++state.regular >= 8 && (state.regular & (state.regular - 1)) == 0) {
+                const V *factor = now + r->points;
+                if (state.regular > 8 && unchanged(factor, before, r->n)) {
+                    for (long i = 0; i < steady->count; i++) numbers[i] = steady->numbers[i];
+                    for (long i = 0; i < wide; i++) numbers[steady->count + i] = factor[i][0];
+                    numbers[steady->count + wide] = state.dt;
+                    steady->setup(numbers, c);
+                    for (long i = 0; i < dims * dims; i++) innovation[i] = told[RESIDUAL + dims + i];
+                    state.settled = 1;
+                }
+                for (long i = 0; i < wide; i++) before[i] = factor[i];
             }
         }
         for (int lane = 0; lane < lanes; lane++) {
