@@ -1,5 +1,6 @@
 """Running filters: a record or a batch in one call, live step by step, backwards, and for a fit."""
 
+from sigmax.running.blocks import run_in_blocks
 from sigmax.running.constrained import constrained
 from sigmax.running.contributions import absorb, contribution
 from sigmax.running.filter_fit import FilterFit, fit_filter
@@ -30,6 +31,7 @@ __all__ = [
     "fit_filter",
     "fit_tails",
     "run",
+    "run_in_blocks",
     "smooth",
     "start",
     "weights",

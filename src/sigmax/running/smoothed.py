@@ -244,9 +244,12 @@ class Smoothed:
         """
         return table.frame(series(self))
 
-    def to_parquet(self, path: str | Path) -> None:
-        """The columns of `to_frame` in a file of Parquet, each with its unit in the metadata of its field."""
-        table.parquet(series(self), path)
+    def to_parquet(self, path: str | Path, *, first: int = 0) -> None:
+        """The columns of `to_frame` in a file of Parquet, each with its unit in the metadata of its field.
+
+        Tracks are counted from `first`, which `run_in_blocks` tells.
+        """
+        table.parquet(series(self), path, first)
 
     def to_xarray(self) -> Any:
         """An xarray dataset: the columns of `to_frame` as variables with their units, and the covariances as `cov`."""

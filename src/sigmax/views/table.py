@@ -27,13 +27,13 @@ def frame(series: Series) -> Any:
     return made
 
 
-def parquet(series: Series, path: str | Path) -> None:
-    """The same in a file of Parquet, the unit of each column in the metadata of its field."""
+def parquet(series: Series, path: str | Path, first: int = 0) -> None:
+    """The same in a file of Parquet, the unit of each column in the metadata of its field; tracks from `first` on."""
     arrow, writer = needed("pyarrow", "to_parquet()"), needed("pyarrow.parquet", "to_parquet()")
     columns: dict[str, tuple[Any, str]] = {}
     if series.batched:
         B, T = series.time.shape
-        columns["track"] = np.repeat(np.arange(B), T), ""
+        columns["track"] = np.repeat(np.arange(first, first + B), T), ""
     time = arrow.array(series.time.ravel())
     columns["time"] = (time.cast(arrow.timestamp("ns", tz="UTC")), "") if series.dated else (time, "s")
     columns |= {name: (values.ravel(), unit) for name, (values, unit) in series.columns().items()}
