@@ -8,7 +8,6 @@ from typing import Any, NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import chdtri, fdtrc, gammaincinv, gammaln, ndtr
 
 from sigmax.errors import InputError
 
@@ -53,6 +52,8 @@ class Student:
 
     def __call__(self, e: jax.Array, seen: jax.Array) -> Weighed:
         """The weight of the expectation step of a scale mixture (Huang et al. 2017), by the innovation."""
+        from scipy.special import gammaln  # a fifth of the time of importing this package
+
         squared, nu = (e * e).sum(0), self.dof
         weight = jnp.minimum(1, (nu + seen) / (nu + squared))
         m = np.arange(e.shape[0] + 1)
@@ -65,6 +66,8 @@ class Student:
 
         With S_y for its scale e is Student's t, and |e|²/m is F(m, ν).
         """
+        from scipy.special import chdtri, fdtrc
+
         seen = np.maximum((~np.isnan(e)).sum(0), 1)
         return chdtri(seen, fdtrc(seen, self.dof, np.nansum(e * e, 0) / seen))
 
@@ -92,6 +95,8 @@ class Huber:
 
     def chi_square(self, e: np.ndarray) -> np.ndarray:
         """|e|² (...) of e (m, ...), NaN where missing, as the chi-square variable that is exceeded as seldom."""
+        from scipy.special import chdtri, ndtr
+
         c, size = self.threshold, np.abs(e)
         beyond = 2 / c * np.exp(c * c / 2 - c * np.maximum(size, c))
         within = 2 * math.sqrt(2 * math.pi) * (ndtr(c) - ndtr(np.minimum(size, c)))
@@ -100,6 +105,8 @@ class Huber:
     @property
     def _mass(self) -> float:
         """What the density of a component has to be divided by."""
+        from scipy.special import ndtr
+
         c = self.threshold
         return float(math.sqrt(2 * math.pi) * (2 * ndtr(c) - 1) + 2 / c * math.exp(-c * c / 2))
 
@@ -127,6 +134,8 @@ class Gate:
 
     def __call__(self, e: jax.Array, seen: jax.Array) -> Weighed:
         """1 or 0; the density is that of a measurement of which only the refusal is known beyond the gate."""
+        from scipy.special import gammaincinv
+
         squared = (e * e).sum(0)
         limit = np.append(0, 2 * gammaincinv(np.arange(1, e.shape[0] + 1) / 2, self.probability))
         inside = squared <= _of(limit, seen, e)

@@ -8,7 +8,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import chdtri
 
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced
@@ -167,6 +166,8 @@ def _nis(result: Any) -> str:
     total, mean = int(dof[heard].sum()), nis[heard].mean()
     said = f"{mean:.3g} on average, {total / steps:.3g} expected"
     if judged(result):
+        from scipy.special import chdtri  # a fifth of the time of importing this package
+
         # 95 of 100 records of an honest filter.
         low, high = (chdtri(total, q) / steps for q in (0.975, 0.025))
         said += f" ({low:.3g} to {high:.3g} for 95 of 100 honest filters)"

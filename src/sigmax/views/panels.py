@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
 
 from sigmax.errors import InputError, unknown
 from sigmax.views.series import Series
@@ -125,6 +124,8 @@ def _path(series: Series, a: str, b: str, points: int) -> Panel:
 
 
 def _nis(nis: np.ndarray, dof: np.ndarray, time: np.ndarray, title: str, judged: bool, points: int) -> list[Panel]:
+    from scipy.special import chdtri  # a fifth of the time of importing this package
+
     heard = np.flatnonzero((dof > 0) & np.isfinite(nis))
     if not len(heard):
         return []
