@@ -71,8 +71,9 @@ def live(z: np.ndarray) -> list[Entry]:
                 tracker.update(measured)
             else:
                 tracker.step(measured, DT)
-            means.append(tracker.mean)
-            covs.append(tracker.cov)
+            mean, cov = tracker.moments
+            means.append(mean)
+            covs.append(cov)
         return Estimate(np.array(means), np.array(covs))
 
     def means(filter: sigmax.Filter, model: sigmax.Model) -> Estimate:
