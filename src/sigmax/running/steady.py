@@ -51,7 +51,13 @@ def _settled(model: Model, low: Lowered, sensor: str, size: int) -> Settled | No
 def _is_linear(model: Model, sensor: str) -> bool:
     """Whether nothing that a covariance depends on can depend on the state: found without compiling anything."""
     noises = model.Q, model.R[sensor]
-    if isinstance(model, SwitchingModel) or model.domain is not None or model.curved or any(map(callable, noises)):
+    if (
+        isinstance(model, SwitchingModel)
+        or model.domain is not None
+        or model.constraints
+        or model.curved
+        or any(map(callable, noises))
+    ):
         return False
     return not (_bends(model.motion, model.size, True) or _bends(model.sensors[sensor], model.size, False))
 
