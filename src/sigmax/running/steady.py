@@ -16,6 +16,8 @@ from sigmax.running.lowered import Lowered
 
 # A step that is compiled for less than this takes longer than it saves.
 _LONG = 256
+# States beyond which a straight line of scalars takes long to compile.
+_WIDE = 20
 
 
 def settled(low: Lowered, model: Model, sizes: dict[str, int], steps: int, inputs: bool) -> Settled | None:
@@ -50,14 +52,9 @@ def _settled(model: Model, low: Lowered, sensor: str, size: int) -> Settled | No
 
 def _is_linear(model: Model, sensor: str) -> bool:
     """Whether nothing that a covariance depends on can depend on the state: found without compiling anything."""
-    noises = model.Q, model.R[sensor]
-    if (
-        isinstance(model, SwitchingModel)
-        or model.domain is not None
-        or model.constraints
-        or model.curved
-        or any(map(callable, noises))
-    ):
+    if isinstance(model, SwitchingModel) or model.domain is not None or model.constraints or model.curved:
+        return False
+    if model.size > _WIDE or callable(model.Q) or callable(model.R[sensor]):
         return False
     return not (_bends(model.motion, model.size, True) or _bends(model.sensors[sensor], model.size, False))
 
