@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from sigmax.errors import InputError, unknown
 from sigmax.records.table import Table
+from sigmax.records.toml_errors import in_words
 
 
 class Section(BaseModel):
@@ -106,6 +107,7 @@ class SensorPart(Section):
     reference: list[Any] | None = None
     speed: Any = None
     heading: str | None = None
+    landmark: str | None = None
     measurement: dict[str, str] | None = None
     inputs: dict[str, ColumnGiven] = Field(default_factory=dict)
     update: str | None = None
@@ -153,6 +155,21 @@ class LocalPart(Section):
     course: ColumnGiven | None = None
 
 
+class LandmarkPart(Section):
+    """Where landmarks stand: a table with a row for each."""
+
+    data: str
+    id: str
+    x: ColumnGiven
+    y: ColumnGiven
+    z: ColumnGiven | None = None
+
+    @property
+    def axes(self) -> dict[str, Column]:
+        """The columns of their coordinates."""
+        return {"x": self.x, "y": self.y} | ({} if self.z is None else {"z": self.z})
+
+
 class TablePart(Section):
     """Another table, whose columns are called NAME.column: its file, its clock, and how much that is ahead."""
 
@@ -179,6 +196,7 @@ class Description(Section):
     table: str = ""
     header: list[str] = Field(default_factory=list)
     tables: dict[str, TablePart] = Field(default_factory=dict)
+    landmarks: LandmarkPart | None = None
     title: str = ""
     track: str | None = None
     decimal: str = "."
@@ -227,26 +245,3 @@ def read_toml(path: Path, kind: type[S]) -> S:
         raise InputError(f"{path.name} is not valid TOML: {error}") from error
     except ValidationError as error:
         raise InputError(f"{path.name}: {in_words(error)}") from error
-
-
-def in_words(error: ValidationError) -> str:
-    """The first thing that is wrong; the others often follow from it."""
-    first = error.errors()[0]
-    place = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "missing":
-        *above, key = (str(part) for part in first["loc"])
-        where = f"[{'.'.join(above)}]" if above else "the top of the file, before the first [table],"
-        return f"{where} needs the key {key!r}"
-    if first["type"] in ("table", "key", "empty"):
-        return f"{f'{place}: ' if place else ''}{first['msg']}"
-    wanted = _WANTED.get(first["type"], first["msg"][:1].lower() + first["msg"][1:])
-    return f"{place}: {wanted}; it is {first['input']!r}"
-
-
-_WANTED = {
-    "string_type": "this must be text in quotes",
-    "list_type": "this must be a list in brackets",
-    "dict_type": "this must be a table of keys",
-    "bool_type": "this must be true or false",
-    "too_short": "this must not be empty",
-}

@@ -11,7 +11,8 @@ from pydantic import ValidationError
 
 from sigmax.errors import InputError, unknown
 from sigmax.models.checks import numbers
-from sigmax.records.description import Column, in_words
+from sigmax.records.description import Column
+from sigmax.records.toml_errors import in_words
 from sigmax.records.units import Dimension, quantity
 from sigmax.records.userfile import Functions, is_reference
 

@@ -14,6 +14,7 @@ from sigmax.records.built import Built
 from sigmax.records.delays import Rows, undelayed
 from sigmax.records.description import Column, Description, TimeColumn, read_toml
 from sigmax.records.doubts import doubts
+from sigmax.records.landmarks import with_landmark_inputs, with_landmarks
 from sigmax.records.local import placed
 from sigmax.records.model import build
 from sigmax.records.prior import ALL_FROM, FROM, read_prior, search
@@ -41,9 +42,11 @@ def own(path: Path) -> Record:
 
 def _record(path: Path, description: Description) -> Record:
     trials = tuple(dict.fromkeys(parse_trial(text) for text in description.filters))
+    description = with_landmark_inputs(description)
     built = build(description, path.parent)
     check_columns(description, built)
     description, table, frame = read_data(description, path.parent, instants, _tracks)
+    table, known = with_landmarks(description, table, path.parent)
     time, epoch = instants(table, description.time)
     names, rows = _tracks(table, description.track, time, description.sort)
     measured = {sensor: columns(table, measured_columns(description, built, sensor)) for sensor in built.sensings}
@@ -72,7 +75,7 @@ def _record(path: Path, description: Description) -> Record:
     real = np.arange(steps.max()) < steps[:, None]
     z = {s: np.where(real[..., None], v[index], np.nan) for s, v in measured.items()}
     times = time[index]
-    landmarks = {
+    landmarks = known | {
         sensor: (s.origin[0], s.origin[1])
         for sensor, s in built.sensings.items()
         if s.origin is not None and len(s.origin) > 1

@@ -61,6 +61,8 @@ def build_plots(path: Path, description: PlotDescription) -> Built:
         raise InputError(
             f"track = {description.track!r} says whose each plot is; drop it, or [tracking] and give a [prior]"
         )
+    if description.landmarks is not None:
+        raise InputError("[landmarks] does not go with [tracking]: name the columns of the places as inputs")
     if description.tables:
         raise InputError("[tables] does not go with [tracking]: plots come in one table")
     if description.bias:
