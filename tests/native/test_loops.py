@@ -277,13 +277,14 @@ def test_what_depends_on_parameters_alone_is_computed_once():
 def test_the_estimate_is_of_what_is_computed():
     def count(function, *shapes):
         with kernels():
-            return operations(flat(jax.make_jaxpr(function)(*(jax.ShapeDtypeStruct(s, jnp.float64) for s in shapes))))
+            return operations(jax.make_jaxpr(function)(*(jax.ShapeDtypeStruct(s, jnp.float64) for s in shapes)))
 
     assert count(lambda x: jnp.sin(x) * 2 + x, (5,)) == 15
     assert count(lambda x: x[::-1].reshape(5, 1).T, (5,)) == 0
     assert count(lambda a, b: a @ b, (3, 4), (4, 5)) == 2 * 3 * 4 * 5
     assert count(arrays.product, (3, 4), (4, 5)) == 2 * 3 * 4 * 5
     assert count(lambda x: x + jnp.cos(jnp.arange(5.0)), (5,)) == 5
+    assert count(lambda x: jax.lax.fori_loop(0, 7, lambda i, y: y * x, x), (5,)) >= 7 * 5
 
 
 @settings(max_examples=60, deadline=None)

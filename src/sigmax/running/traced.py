@@ -8,7 +8,7 @@ from jax.extend.core import ClosedJaxpr
 
 from sigmax.native import Graph, Program, Refused, evaluate
 from sigmax.native.graph import Array
-from sigmax.native.loops import Flat, Loops, flat, operations, written
+from sigmax.native.loops import Loops, flat, operations, written
 from sigmax.native.machine import vector_functions
 from sigmax.native.node import Node
 
@@ -43,15 +43,15 @@ class Traced(NamedTuple):
         with np.errstate(all="ignore"):
             return Program(self.graph, self.inputs, self.made(evaluate(self.graph, self.function, self.arguments)))
 
-    def loops(self, whole: Flat) -> Loops:
-        """It as loops, its equations being written out before.
+    def loops(self) -> Loops:
+        """It as loops.
 
         Raises:
             Refused: for what cannot be lowered.
         """
         vectors = vector_functions(self.graph.dtype == np.float32)
         with np.errstate(all="ignore"):
-            return written(whole, self.arguments, self.inputs, self.made, self.graph.dtype, vectors)
+            return written(flat(self.function), self.arguments, self.inputs, self.made, self.graph.dtype, vectors)
 
     def chosen(self, longest: float) -> Program | Loops:
         """Loops where it takes more operations than so many, and where they cover it; else a straight line.
@@ -59,11 +59,10 @@ class Traced(NamedTuple):
         Raises:
             Refused: for what cannot be lowered.
         """
-        whole = flat(self.function)
-        if operations(whole) > longest:
-            try:
-                return self.loops(whole)
-            except Refused:
-                # Say what the straight line says, where that cannot be had either.
-                pass
+        try:
+            if operations(self.function) > longest:
+                return self.loops()
+        except Refused:
+            # Where a straight line cannot be had either, it says why.
+            pass
         return self.straight()

@@ -6,7 +6,7 @@ from itertools import count
 from typing import Any, NamedTuple
 
 import jax
-from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 
 from sigmax.native.graph import numbers_of
 from sigmax.native.interpret import RULES
@@ -111,16 +111,34 @@ def _unrolled(equation: Any) -> ClosedJaxpr:
     return jax.make_jaxpr(passes)(*(jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars))
 
 
-def operations(flat: Flat) -> int:
-    """About how many scalar operations it takes, zeros and all."""
-    known: set[int] = set()
+def operations(closed: ClosedJaxpr) -> int:
+    """About how many scalar operations a function takes, zeros and all, but for what is known."""
+    return _counted(closed.jaxpr, set(closed.jaxpr.constvars))
+
+
+def _counted(jaxpr: Jaxpr, known: set[Any]) -> int:
     total = 0
-    for call in flat.calls:
-        if all(not isinstance(i, int) or i in known for i in call.inputs):
-            known.update(call.outputs)
+    for equation in jaxpr.eqns:
+        sure = [isinstance(v, Literal) or v in known for v in equation.invars]
+        name, p = equation.primitive.name, equation.params
+        if all(sure):
+            known.update(equation.outvars)
+        elif name in CALLS:
+            total += _inside(body_of(equation), sure)
+        elif name == "scan":
+            total += p["length"] * _inside(p["jaxpr"], [s and i < p["num_consts"] for i, s in enumerate(sure)])
+        elif name == "cond":
+            total += sum(_inside(branch, sure[1:]) for branch in p["branches"])
+        elif name == "while":
+            total += _inside(p["body_jaxpr"], [False] * len(p["body_jaxpr"].jaxpr.invars))
         else:
-            total += _operations(call.equation)
+            total += _operations(equation)
     return total
+
+
+def _inside(body: ClosedJaxpr, sure: Sequence[bool]) -> int:
+    known = {v for v, s in zip(body.jaxpr.invars, sure, strict=False) if s}
+    return _counted(body.jaxpr, {*body.jaxpr.constvars, *known})
 
 
 def _operations(equation: Any) -> int:
