@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from sigmax.algebra.factor import Diagonal
-from sigmax.models.model import Model
+from sigmax.models.model import Model, check_added
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of
 
 
@@ -112,6 +112,7 @@ def envelope(
     model: Model, parameters: tuple[Parameter, ...], given: int, driven: int, sizes: tuple[tuple[str, int], ...]
 ) -> Envelope:
     """The family of a model that has no bias and is not fused."""
+    check_added(model, "the doctor")
     at = _Places(parameters, given, driven, sum(m for _, m in sizes))
     made = object.__new__(Model)
     sensors, noises, before = {}, {}, 0

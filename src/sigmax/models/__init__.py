@@ -10,6 +10,7 @@ from sigmax.models.derivatives import with_derivatives
 from sigmax.models.fusion import fused
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.imm import imm
+from sigmax.models.inside import inside
 from sigmax.models.model import Model
 from sigmax.models.opaque import opaque
 from sigmax.models.parts import Motion, Sensor
@@ -36,6 +37,7 @@ __all__ = [
     "fused",
     "imm",
     "inertial_errors",
+    "inside",
     "motions",
     "navigation",
     "opaque",

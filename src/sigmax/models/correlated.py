@@ -12,7 +12,7 @@ from sigmax.algebra.arrays import inner, times
 from sigmax.algebra.factor import cholesky, pivoted, solve_lower
 from sigmax.errors import InputError, unknown
 from sigmax.models.checks import numbers
-from sigmax.models.model import Model, check_flat
+from sigmax.models.model import Model, check_added, check_flat
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of, by_value, dense_noise
 from sigmax.models.stack import fronted, noise_of_sensor
 from sigmax.models.switching import check_one_mode
@@ -45,6 +45,7 @@ def correlated(model: Model, S: Any) -> Model:
     """
     check_one_mode(model, "correlated")
     check_flat(model, "correlated")
+    check_added(model, "correlated")
     if model.bias is not None or model.fusion is not None:
         raise InputError("correlated wants a model without bias and fusion: write it with sigmax.models.augment first")
     if model.several != isinstance(S, Mapping):

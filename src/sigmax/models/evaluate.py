@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from sigmax.algebra.arrays import Lifted, spread
 from sigmax.algebra.factor import Diagonal, Matrix, cholesky, safe_sqrt
 from sigmax.errors import InputError
+from sigmax.models.inside import with_columns
 from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, takes
 from sigmax.rules.charted import linearized
@@ -22,6 +23,37 @@ def linearized_motion(
 ) -> Linearization:
     """The motion by a rule about x ⊞ N(0, S Sᵀ)."""
     return linearized(rule, moving(model, x, dt, u), x, S, model.space, model.space)
+
+
+def disturbed_motion(
+    rule: Rule, model: Model, root: Matrix | None, x: jax.Array, S: jax.Array, dt: jax.Array, u: jax.Array | None
+) -> tuple[Linearization, Matrix, jax.Array]:
+    """The motion by a rule, the factor of the noise that is added to it, and whether this is one.
+
+    A noise inside it is among the columns of what the line misses, and nothing is added.
+    """
+    found = model.noise_inside(None)
+    if found is None:
+        line = linearized_motion(rule, model, x, S, dt, u)
+        return line, *motion_noise(model, root, x, dt, u)
+    joint, q = found
+    whole = moving(model, x, dt, u).instead(joint)
+    line, columns = with_columns(rule, whole, q, x, S, model.space.periodic)
+    line = line._replace(residual=jnp.concatenate([line.residual, columns], 1))
+    return line, Diagonal(jnp.zeros_like(x)), jnp.ones(x.shape[1:], bool)
+
+
+def heard_sensor(
+    rule: Rule, model: Model, sensor: str, x: jax.Array, S: jax.Array, u: jax.Array | None, size: int
+) -> tuple[Linearization, jax.Array]:
+    """A sensor by a rule, and the columns of a noise inside it; none of a noise that is added."""
+    found = model.noise_inside(sensor)
+    if found is None:
+        line = linearized_sensor(rule, model, sensor, x, S, u, size)
+        return line, line.slope[:, :0]
+    joint, q = found
+    whole = sensing(model, sensor, x, u).instead(joint)
+    return with_columns(rule, whole, q, x, S, model.measured_space(sensor, size).periodic)
 
 
 def moving(model: Model, x: jax.Array, dt: jax.Array, u: jax.Array | None) -> Lifted:

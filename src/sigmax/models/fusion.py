@@ -10,7 +10,7 @@ from sigmax.algebra.arrays import TWO_PI, inner
 from sigmax.algebra.factor import Diagonal, cholesky, inverse_lower
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced
-from sigmax.models.model import Model, check_flat
+from sigmax.models.model import Model, check_added, check_flat
 from sigmax.models.noise import dense_noise
 
 
@@ -65,6 +65,7 @@ def fused(model: Model, *, messages: bool = False) -> Model:
     if not isinstance(model, Model):
         raise InputError(f"model must be a sigmax.Model, it is {type(model).__name__}")
     check_flat(model, "fusing sensors")
+    check_added(model, "fusing sensors")
     if not model.several:
         raise InputError("a model with one sensor has nothing to fuse; give sensor= as a dict by name")
     blocks: list[Block] = []

@@ -10,6 +10,7 @@ from sigmax.errors import InputError
 from sigmax.models.bias import Bias
 from sigmax.models.components import Components, by_sensor, components, measured_components
 from sigmax.models.gaussian import Gaussian
+from sigmax.models.inside import Inside, noises_apart
 from sigmax.models.noise import OF_MOTION, OF_SENSOR, Noise, noise, takes
 from sigmax.models.parts import Motion, Sensor
 from sigmax.models.units import Units, named, units_of
@@ -23,7 +24,7 @@ class Model:
 
     Args:
         motion: `motion(x, dt)` or `motion(x, dt, u)` with inputs u (k,): the state dt seconds later, (n,);
-            or a ready-made `Motion`, which names the state too.
+            or a ready-made `Motion`, which names the state too; or one with its noise `inside`.
         sensor: `sensor(x)` or `sensor(x, u)`: the measurement without noise, (m,); or a ready-made
             `Sensor`, which names the measurement too; or several by name, `{"radar": h1, "camera": h2}`.
         Q: noise of the motion: a covariance per second (d, d) that is multiplied by dt, d variances per second, or a
@@ -47,10 +48,10 @@ class Model:
     def __init__(
         self,
         *,
-        motion: Callable[..., Any] | Motion,
-        sensor: Callable[..., Any] | Sensor | Mapping[str, Callable[..., Any] | Sensor],
-        Q: Any,
-        R: Any,
+        motion: Callable[..., Any] | Motion | Inside,
+        sensor: Callable[..., Any] | Sensor | Inside | Mapping[str, Callable[..., Any] | Sensor | Inside],
+        Q: Any = None,
+        R: Any = None,
         state: Sequence[str] | None = None,
         measurement: Sequence[str] | Mapping[str, Sequence[str]] | None = None,
         domain: Callable[[Any], Any] | None = None,
@@ -58,6 +59,9 @@ class Model:
         units: Mapping[str, str] | None = None,
     ) -> None:
         known: Mapping[str, str] = {}
+        motion, sensor, Q, R, within = noises_apart(motion, sensor, Q, R)
+        # Noises that stand inside the motion (None) and sensors, as functions of [ξ; x]: see `inside`.
+        self.inside: tuple[tuple[str | None, Callable[..., Any], int], ...] = within
         if isinstance(motion, Motion):
             state = motion.state if state is None else state
             known = dict(zip(motion.state, motion.units, strict=False))
@@ -103,6 +107,8 @@ class Model:
         # The blocks of sensors that are corrected together: see `fused`.
         self.fusion: tuple[Any, ...] | None = None
         seen_by = {s: self.measured_deviations(s) for s in self.sensors}
+        if within and (bias is not None or self.curved):
+            raise InputError("noises inside go with states and measurements of numbers and angles, without a Bias")
         self.bias = None if bias is None else bias.fitted(self.state, self.deviations, seen_by, self.several)
         names = () if self.bias is None else self.bias.names
         self.units: Units = units_of(units, known, self.components, names)
@@ -163,6 +169,10 @@ class Model:
         others = (self.R[sensor], None if self.bias is None else self.bias.sensor.get(sensor))
         return self.sensor_inputs[sensor] or any(callable(f) and takes(f, "R", OF_SENSOR) == 2 for f in others)
 
+    def noise_inside(self, of: str | None) -> tuple[Callable[..., Any], int] | None:
+        """The motion (None) or a sensor as a function of [ξ; x] and the size of ξ; None where its noise is added."""
+        return next(((joint, size) for name, joint, size in self.inside if name == of), None)
+
     def with_bias_prior(self, prior: Gaussian) -> "Model":
         """The model with another prior of its bias, (p,) or (B, p); one without a bias is itself."""
         if self.bias is None:
@@ -221,6 +231,16 @@ class Model:
         noises = [f if leaf is None else leaf for leaf, f in zip(leaves, functions, strict=True)]
         made.Q, made.R = noises[0], dict(zip(sensors, noises[1:], strict=True))
         return made
+
+
+def check_added(model: Model, what: str) -> None:
+    """Refuse a model with noises inside its functions where only those that are added are known.
+
+    Raises:
+        InputError: naming what does not know them.
+    """
+    if any(one.inside for one in getattr(model, "models", (model,))):
+        raise InputError(f"{what} knows noises that are added alone, and this model has some inside its functions")
 
 
 def check_flat(model: Model, what: str) -> None:

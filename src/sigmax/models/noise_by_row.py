@@ -10,7 +10,7 @@ import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.models.checks import is_traced, numbers, symmetric_semidefinite
-from sigmax.models.model import Model
+from sigmax.models.model import Model, check_added
 from sigmax.models.stack import fronted, noise_of_motion, noise_of_sensor
 from sigmax.models.switching import SwitchingModel
 
@@ -40,6 +40,7 @@ def noises_by_row(model: Model, z: Mapping[str, Any], R: Any) -> dict[str, Noise
     Raises:
         InputError: for another shape, what is no covariance where something was measured, and fused sensors.
     """
+    check_added(model, "R by row")
     if model.fusion is not None:
         raise InputError("the sensors are fused, each with the R of the model: R by row needs them apart")
     if model.several != isinstance(R, Mapping):

@@ -16,7 +16,7 @@ from sigmax.filters import Bank, Filter, once
 from sigmax.models.checks import finite, members, numbers
 from sigmax.models.evaluate import sensing, sensor_noise
 from sigmax.models.fusion import Fused
-from sigmax.models.model import Model, check_flat
+from sigmax.models.model import Model, check_added, check_flat
 from sigmax.models.noise import dense_noise, noise_once
 from sigmax.models.switching import check_one_mode
 from sigmax.running.fusing import additive, check_inputs
@@ -44,6 +44,7 @@ def contribution(
         InputError: for what does not fit, or a sum that would not be exact.
     """
     model = _alone(live).apart
+    check_added(model, "a contribution")
     if sensor not in model.sensors:
         raise unknown("sensor", sensor, model.sensors)
     if space not in ("measurement", "state"):

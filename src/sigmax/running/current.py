@@ -176,6 +176,7 @@ def _made_current(model: Model, functions: list[tuple[Any, _Known]]) -> Model:
         motion=now(model.motion),
         sensors={s: now(h) for s, h in model.sensors.items()},
         domain=now(model.domain),
+        inside=tuple((name, now(joint), size) for name, joint, size in model.inside),
         constraints=tuple(replace(c, function=now(c.function)) for c in model.constraints),
         Q=now(model.Q),
         R={s: now(R) for s, R in model.R.items()},

@@ -8,7 +8,7 @@ from sigmax.errors import InputError, unknown
 from sigmax.models.checks import by_name, finite, numbers
 from sigmax.models.fusion import Fused, inputs_behind
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
+from sigmax.models.model import Model, check_added
 from sigmax.models.noise import noise_once
 from sigmax.running.functions import check_functions, counted
 from sigmax.running.fusing import Members, with_members_live
@@ -138,6 +138,7 @@ class Given:
         """The noise of one measurement, None where it is the model's."""
         if R is None:
             return None
+        check_added(self._model, "R of one measurement")
         return cast(noise_once(R, self._model.measured_deviations(sensor)), self._dtype)
 
     def inputs(self, u: Any, what: str, sensor: str | None = None) -> np.ndarray | None:

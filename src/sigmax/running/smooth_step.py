@@ -8,7 +8,7 @@ import numpy as np
 from sigmax.algebra.arrays import product, times
 from sigmax.algebra.factor import Matrix, absorb, add, dense, downdate, pivoted, raised, release, solve_lower, tria
 from sigmax.filters import Filter
-from sigmax.models.evaluate import in_domain, linearized_motion, motion_noise
+from sigmax.models.evaluate import disturbed_motion, in_domain
 from sigmax.models.model import Model
 from sigmax.rules import Taylor1
 from sigmax.rules.charted import linearized
@@ -52,8 +52,7 @@ def _back(
     [[L, E], [0, S]] → [[S⁻, 0], [C, left]], L = tria[L_q, N]: C S⁻⁻¹ is the smoother's gain, and left leftᵀ what x⁻
     leaves open of x. P⁻ is neither formed nor inverted.
     """
-    line = linearized_motion(filter.predict, model, x, S, dt, u)
-    Lq, sound = motion_noise(model, noise, x, dt, u)
+    line, Lq, sound = disturbed_motion(filter.predict, model, noise, x, S, dt, u)
     line, L = _in_domain(model, line, Lq)
     # Rounding counts as noise: neither a row of E and S nor the mean is better than its last digits.
     rows = jnp.abs(line.slope).sum(1) + jnp.abs(S).sum(1)

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.arrays import diagonal
-from sigmax.algebra.factor import Matrix, raised, tria
+from sigmax.algebra.factor import Diagonal, Matrix, raised, tria
 from sigmax.filters import Filter
 from sigmax.forms import Predicted
-from sigmax.models.evaluate import in_domain, linearized_motion, motion_noise, sensor_noise
+from sigmax.models.evaluate import disturbed_motion, in_domain, sensor_noise
 from sigmax.models.model import Model
 from sigmax.models.noise import Noise
 from sigmax.rules import Taylor1
@@ -127,10 +127,8 @@ def predict(
     `root` is `noise_root(model.Q)`.
     """
     x, S = belief
-    with jax.named_scope("the motion, linearised"):
-        line = linearized_motion(filter.predict, model, x, S, dt, u)
-    with jax.named_scope("the noise of the motion"):
-        Lq, noise_sound = motion_noise(model, root, x, dt, u)
+    with jax.named_scope("the motion, linearised, and its noise"):
+        line, Lq, noise_sound = disturbed_motion(filter.predict, model, root, x, S, dt, u)
     with jax.named_scope("the predicted covariance"):
         predicted, widened = _predicted(filter, line, Lq)
     new = _in_domain(model, Belief(line.mean, predicted.factor))
@@ -156,6 +154,9 @@ def correct(
     count = seen.sum(0)
     with jax.named_scope("the noise of the sensor"):
         Lr, noise_sound = sensor_noise(model, R, x, u, seen)
+        if model.noise_inside(sensor) is not None:
+            # It comes with the line.
+            Lr, noise_sound = Diagonal(jnp.where(seen, 0, jnp.ones_like(z))), jnp.ones(x.shape[1:], bool)
     observe = observing(filter, model, sensor, Lr, x, S, z, u)
     with jax.named_scope("the sensor, linearised"):
         first = observe()

@@ -16,7 +16,7 @@ from sigmax.algebra.factor import Diagonal, Matrix, add, dense, downdate, identi
 from sigmax.algebra.rotations import rotate
 from sigmax.filters import BySensor, Filter, Update, Weighed, iterated, once
 from sigmax.forms.noise import noise_factor
-from sigmax.models.evaluate import linearized_sensor
+from sigmax.models.evaluate import heard_sensor
 from sigmax.models.model import Model
 from sigmax.rules.linearization import Linearization
 from sigmax.spaces import Space, reset
@@ -77,7 +77,7 @@ def observing(
         # The columns of the prior seen from there: those of D first, as a rule wants a triangle.
         moved = None if shift is None or D is None else reset(space, x, shift, product(S, D))
         spread = moved.factor if moved is not None else S if shift is None else space.turned(x, shift, S)
-        line = linearized_sensor(filter.correct, model, sensor, at, spread, u, z.shape[0])
+        line, inside = heard_sensor(filter.correct, model, sensor, at, spread, u, z.shape[0])
         measured = jnp.where(known, z, 0 if onto.flat else line.mean)
         residual = jnp.where(seen, onto.difference(onto.nearest(measured), line.mean), 0)
         slope = jnp.where(seen[:, None], line.slope, 0)
@@ -87,7 +87,7 @@ def observing(
             deficit=jnp.where(seen[:, None], line.deficit, 0),
         )
         least = ROUNDING * eps * jnp.abs(line.slope).sum(1) + jnp.where(seen, 4 * eps * onto.magnitude(line.mean), 0)
-        noise = raised(Lr, least)
+        noise = raised(add(Lr, jnp.where(seen[:, None], inside, 0)) if inside.shape[1] else Lr, least)
         line, widened = without_deficit(line, noise)
         innovation = residual if t is None else residual + times(line.slope, t)
         return Observed(line, residual, innovation, noise, widened)

@@ -13,7 +13,7 @@ from sigmax.filters import Filter
 from sigmax.models import Gaussian, Model
 from sigmax.models.augment import with_bias
 from sigmax.models.checks import finite, numbers
-from sigmax.models.model import check_flat
+from sigmax.models.model import check_added, check_flat
 from sigmax.models.switching import check_one_mode
 
 # What a start may be estimated by; a function (x0, w) -> mean besides.
@@ -107,6 +107,8 @@ class Study:
             model, prior = with_bias(self.model, self.prior)
             for what, value in (("apart", self.model), ("model", model), ("prior", prior)):
                 object.__setattr__(self, what, value)
+        for drawn in (self.model, self.nature or self.model):
+            check_added(drawn, f"{self.name}: a study")
         n, d = self.model.size, self.model.dim
         if (np.shape(self.prior.mean), np.shape(self.prior.cov)) != ((n,), (d, d)):
             raise InputError(f"{self.name}: the prior must be of one run: a mean ({n},) and a covariance ({d}, {d})")
