@@ -162,8 +162,8 @@ def _equation(equation: Any, given: list[Any], count: int, noise: _Noise) -> lis
         # Nor does anybody say which zero a sum of zeros is.
         results = [a * np.where(a == 0, noise.sign(a.shape), 1).astype(a.dtype) for a in results]
     if name == "lgamma":
-        # JAX's own is exact to a few units of 1, not of the result, where that is near 0.
-        return [noise.on(results[0] + 1.0) - 1.0]
+        # JAX's own is exact to some units of 1, not of the result, where that is near 0: more of them unoptimised.
+        return [noise.on(results[0] + 8.0) - 8.0]
     if name in _WHOLE and results[0].dtype.kind == "f":
         # A loop counts in floats, and what it does next hangs on the count.
         a, b = (a == np.floor(a) for a in given)
