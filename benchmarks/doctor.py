@@ -1,8 +1,9 @@
 """How often `sigmax.doctor` names a fault that was put into a record, and how often it speaks of a sound one.
 
-python benchmarks/doctor.py [--sound N] [--seeds N] [--only set|scored]
-[--model NAME]: thresholds may be set on the models and seeds
-of the tables "set on"; those of "scored" are other models with other seeds, and nothing was set on them.
+python benchmarks/doctor.py [--sound N] [--seeds N] [--only set|scored] [--model NAME]
+
+Thresholds may be set on the models and seeds of the tables "set on"; those of "scored" are other models with other
+seeds, and nothing was set on them.
 
 A record may not tell of a fault: positions that are all too far east by 5 m say nothing where nothing else is known.
 So each fault is judged by one who knows it, its place and its size: the log-likelihood of model and record without

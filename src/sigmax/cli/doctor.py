@@ -2,8 +2,9 @@
 
 import json
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -45,8 +46,13 @@ def examine_record(name: str, filter: str | None, tracks: Sequence[str], as_json
     with progress_on(errors) as progress:
         task = progress.add_task("", total=len(chosen))
         for i in chosen:
-            progress.update(task, description=escape(f"{record.name}: examining {record.tracks[i]}"))
-            found[record.tracks[i]] = _examined(record, i, judge, model, prior)
+            about = f"{record.name}: examining {record.tracks[i]}"
+
+            def say(said: str, about: str = about) -> None:
+                progress.update(task, description=escape(f"{about}, {said}"))
+
+            progress.update(task, description=escape(about))
+            found[record.tracks[i]] = _examined(record, i, judge, model, prior, say)
             progress.advance(task)
     if as_json:
         print(json.dumps({track: one.to_dict() for track, one in found.items()}, indent=2))
@@ -140,7 +146,14 @@ def _worst(record: Record, outcome: Outcome) -> int:
     return int(np.argmax(np.where(enough, nis / np.maximum(dof, 1), -1.0)))
 
 
-def _examined(record: Record, i: int, judge: Filter, model: Model, prior: Gaussian) -> Examination:
+def _examined(
+    record: Record,
+    i: int,
+    judge: Filter,
+    model: Model,
+    prior: Gaussian,
+    progress: Callable[[str], Any] | None = None,
+) -> Examination:
     steps = slice(0, int(record.steps[i]))
     own = [np.asarray(a)[i] if np.ndim(a) > d else a for a, d in ((prior.mean, 1), (prior.cov, 2))]
     by_sensor = isinstance(record.z, dict)
@@ -153,4 +166,5 @@ def _examined(record: Record, i: int, judge: Filter, model: Model, prior: Gaussi
         dt=record.dt[i, steps],
         inputs=None if record.inputs is None else record.inputs[i, steps],
         update_first=record.update_first,
+        progress=progress,
     )

@@ -1,6 +1,7 @@
 """`sigmax.doctor`: a model, a prior and a record go in, causes come out."""
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -36,6 +37,7 @@ def doctor(
     inputs: Any = None,
     R: Any = None,
     update_first: bool = False,
+    progress: Callable[[str], Any] | None = None,
 ) -> Examination:
     """Say what is wrong with a model, from a record: causes with evidence, size, standard error and remedy.
 
@@ -50,6 +52,7 @@ def doctor(
         inputs: as in `run`.
         R: as in `run`.
         update_first: as in `run`.
+        progress: is told what is being done, in words; a long record takes tens of seconds.
 
     Returns:
         The examination: print it. How often a sound model has findings stands in the docs, with the command.
@@ -69,7 +72,7 @@ def doctor(
     record, setup = _laid_out(ready, update_first)
     values = sum(int(np.isfinite(v).sum()) for v in record.z.values())
     first = setup.runner([Variant(np.zeros(len(setup.steps)), record)])
-    rounds = Rounds(setup, record, first)
+    rounds = Rounds(setup, record, first, progress or (lambda said: None))
     findings: tuple[Finding, ...] = ()
     undetermined: tuple[str, ...] = ()
     if values < _FEWEST + record.mean.size:

@@ -1,8 +1,8 @@
 """Rounds of an examination: the likeliest cause is accepted, and the next is looked for from there."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,10 +40,10 @@ class Accepted(NamedTuple):
 class Rounds:
     """One examination as it goes on."""
 
-    def __init__(self, setup: Setup, record: RecordData, first: Innovations) -> None:
+    def __init__(self, setup: Setup, record: RecordData, first: Innovations, say: Callable[[str], Any]) -> None:
         from scipy.special import chdtri
 
-        self.setup, self.record, self.first = setup, record, first
+        self.setup, self.record, self.first, self.say = setup, record, first, say
         self.evidence: Evidence | None = None
         self.nis0 = _nis_per_value(first, record)
         self.some = alternatives(setup.runner.family, record, setup.timed)
@@ -55,7 +55,8 @@ class Rounds:
         flaws, whole = self._values()
         theta, ended, accepted = np.zeros(len(self.setup.steps)), set[tuple[str, str]](), list[Accepted]()
         start = whole
-        for _ in range(_ROUNDS):
+        for i in range(_ROUNDS):
+            self.say(f"round {i + 1} of at most {_ROUNDS}: {self.tested} hypotheses")
             some = [a for a in self.some if (a.kind, a.where) not in ended]
             (record,), out = masked(self.setup, [Variant(theta, whole)])
             as_it_stands = float(log_likelihood(out)[0])
@@ -86,6 +87,7 @@ class Rounds:
                 (),
                 f"the filter fails on the model as it stands, {out.first_fault}, and nothing examined mends it",
             )
+        self.say("each cause left out once")
         kept = self._needed(accepted, theta, start, record)
         last = self._correlated(out, record, bool(flaws or kept))
         findings = (*flaws, *(a.finding for a in kept), *last)
