@@ -333,3 +333,26 @@ def test_a_live_filter_in_use_refuses_all_that_would_disturb_it():
         live.step([0.0], 1.0)
     assert refused == set(range(len(uses)))
     live.step([0.0], 1.0)
+
+
+def nonnegative(x):
+    return x[0]
+
+
+def with_noise_inside(x, v):
+    return x[:1] * (1 + v[0])
+
+
+def test_a_state_is_refused_by_a_model_that_differs_in_a_constraint_or_a_noise_inside():
+    def model(**changes):
+        given = dict(motion=motions.random_walk(("x",)), Q=[0.1], sensor=lambda x: x, R=[1.0], state=("x",))
+        return sigmax.Model(**given | changes)
+
+    inside = [model(sensor=sigmax.models.inside(with_noise_inside, [a]), R=None) for a in (0.1, 0.2)]
+    bounded = [sigmax.constrain(model(), nonnegative, low=a) for a in (0.0, 0.5)]
+    prior = sigmax.Gaussian([1.0], [[1.0]])
+    for one, other in ((model(), bounded[0]), bounded, inside):
+        state = sigmax.Live("EKF", one, prior).save()
+        sigmax.Live("EKF", one, prior).restore(state)
+        with pytest.raises(sigmax.InputError):
+            sigmax.Live("EKF", other, prior).restore(state)

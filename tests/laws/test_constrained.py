@@ -10,6 +10,7 @@ from scipy import integrate, stats
 import sigmax
 from sigmax.errors import InputError
 from sigmax.running.constraining import truncated
+from tests.thinned import thinned
 
 INF = np.inf
 
@@ -61,7 +62,7 @@ LINE = sigmax.constrain(resting(), lambda x: (jnp.asarray(A) @ x)[0], low=1.0, h
 VALUE = sigmax.constrain(resting(), lambda x: jnp.stack([x[0] + x[1], x[2] - x[1]]), equal=[1.5, 0.25])
 
 
-@pytest.mark.parametrize("name", FORMS)
+@pytest.mark.parametrize("name", thinned(FORMS, 3, 1))
 def test_a_linear_bound_gives_the_exact_moments_in_every_form(name):
     s = np.sqrt(A @ P @ A.T)[0, 0]
     y = (A @ MEAN)[0]
@@ -77,7 +78,7 @@ def test_a_linear_bound_gives_the_exact_moments_in_every_form(name):
     np.testing.assert_allclose(after.cov, result.cov, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", FORMS)
+@pytest.mark.parametrize("name", thinned(FORMS, 3))
 def test_a_value_is_the_limit_of_a_precise_measurement(name):
     G = np.array([[1.0, 1, 0], [0, -1, 1]])
     K = P @ G.T @ np.linalg.inv(G @ P @ G.T)
@@ -124,7 +125,7 @@ def by_hand():
     return filtered, smoothed[::-1]
 
 
-@pytest.mark.parametrize("backend", ["native", "xla"])
+@pytest.mark.parametrize("backend", ["native", pytest.param("xla", marks=pytest.mark.slow)])
 def test_in_the_recursion_it_is_one_more_measurement_of_each_step_forwards_and_backwards(backend):
     result = sigmax.run("SREKFB", ROAD, START, Z, backend=backend)
     back = sigmax.smooth("SREKFB", ROAD, result, backend=backend)

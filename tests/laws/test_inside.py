@@ -98,7 +98,7 @@ def by_hand(z, u):
     return found
 
 
-@pytest.mark.parametrize("backend", ["native", "xla"])
+@pytest.mark.parametrize("backend", ["native", pytest.param("xla", marks=pytest.mark.slow)])
 def test_the_extended_filter_of_the_textbook(backend):
     z, u = np.nan_to_num(Z, nan=1.0), np.tile([1.5, 0.2], (8, 1))
     for name in ("EKF", "SREKFB") if backend == "native" else ("EKF",):

@@ -52,13 +52,15 @@ def _fingerprint(filter: Filter, model: Model) -> str | None:
     functions = [model.motion, *model.sensors.values(), model.domain, model.Q, *model.R.values()]
     if model.bias is not None:
         functions += [model.bias.motion, *model.bias.sensor.values(), model.bias.Q]
+    functions += [c.function for c in model.constraints] + [joint for _, joint, _ in model.inside]
     parts = [fingerprint(filter, installed=b"")]
     parts += [fingerprint(f, installed=b"") for f in functions if callable(f)]
     if None in parts:
         return None
     numbers = [(np.shape(a), np.asarray(a, float).tobytes()) for a in jax.tree.leaves(model)]
     spaces = model.space, *(None if m is None else m.space for m in model.measured.values())
-    about = parts, numbers, spaces, model.fusion
+    bounds = [(c.low, c.high) for c in model.constraints]
+    about = parts, numbers, spaces, model.fusion, bounds, [(of, size) for of, _, size in model.inside]
     return hashlib.sha256(repr(about).encode()).hexdigest()
 
 
