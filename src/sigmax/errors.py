@@ -30,7 +30,7 @@ def unknown(kind: str, name: object, known: Iterable[str]) -> InputError:
 
 
 # Packages of the extra `app`.
-APP = ("cloudpickle", "joblib", "matplotlib", "orjson", "pandas", "pyarrow", "pydantic", "rich", "typer")
+APP = ("cloudpickle", "joblib", "matplotlib", "orjson", "pandas", "pyarrow", "pydantic", "rich", "tomlkit", "typer")
 
 
 def without_app(what: str, error: ModuleNotFoundError) -> str | None:
