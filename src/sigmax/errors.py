@@ -12,6 +12,10 @@ class FoldingWarning(UserWarning):
     """Sigma points lie so far apart that angles or rotations come back from the other side."""
 
 
+class BendingWarning(UserWarning):
+    """A bank has too few members for what a sensor bends within the prior."""
+
+
 def _known(names: list[str]) -> str:
     return f"known: {', '.join(map(repr, names))}" if any(names) else "none here has a name"
 

@@ -6,7 +6,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from sigmax.filters import Bank
 from sigmax.records import find_model, parse_trial
+from sigmax.running.bending import bending
 from sigmax.running.explain import Explained, explain
 from sigmax.running.folding import folding
 
@@ -23,6 +25,10 @@ def explain_model(model: str, filter: str, measure: bool) -> None:
     with errors.status("tracing, and measuring"):
         found = explain(trial.filter, task.model, task.prior, dt=task.dt, inputs=task.inputs, measure=measure)
     console.print(_table(found, trial.name))
+    if isinstance(trial.filter, Bank):
+        console.print(
+            "All of it for each member of the bank, and the second differences by which they split.", highlight=False
+        )
     for one in found:
         for line in _sentences(one):
             console.print(f"{escape(one.function)}: {escape(line)}", highlight=False, soft_wrap=True)
@@ -30,7 +36,9 @@ def explain_model(model: str, filter: str, measure: bool) -> None:
         name = trial.name.partition(":")[0]
         console.print(f"To draw the points in this order: --filter {name}:permute=1", highlight=False)
     k = None if task.inputs is None else len(task.inputs)
-    for line in folding(trial.filter.on(0), task.model, task.prior, k) if task.model.bias is None else ():
+    own = trial.filter.on(0)
+    plain = task.model.bias is None
+    for line in (*folding(own, task.model, task.prior, k), *bending(own, task.model, task.prior)) if plain else ():
         console.print(f"[yellow]Careful:[/yellow] {escape(line)}.", highlight=False, soft_wrap=True)
 
 

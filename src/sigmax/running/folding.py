@@ -1,6 +1,5 @@
 """Sigma points that lie so far apart that angles fold: said before a run, for nothing fails when it happens."""
 
-import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -9,7 +8,6 @@ import numpy as np
 
 from sigmax.dependence import reading
 from sigmax.dependence.reads import components
-from sigmax.errors import FoldingWarning
 from sigmax.filters import Filter
 from sigmax.models.checks import is_traced
 from sigmax.models.gaussian import Gaussian
@@ -24,24 +22,17 @@ _FAR = 1.0
 _UNIFORM = np.pi / np.sqrt(3)
 
 
-def warn_of_folding(filter: Filter, model: Model, prior: Gaussian, inputs: int | None) -> None:
-    """Warn of what `folding` finds.
+def folding(filter: Filter, model: Model, prior: Gaussian, inputs: int | None) -> Iterator[str]:
+    """Where sigma points of the prior lie so far apart in an angle that they come back from the other side.
+
+    Points at ±γσ of a course see opposite sines at half a turn, and filters then lock on to the opposite course
+    (Sobolev, VIII.B with P0 as printed).
 
     Args:
         filter: on the model.
         model: with its bias in the state.
         prior: of that state.
         inputs: components of u; None where they are not known yet: then what takes u is supposed to bend.
-    """
-    for said in folding(filter, model, prior, inputs):
-        warnings.warn(said, FoldingWarning, stacklevel=4)
-
-
-def folding(filter: Filter, model: Model, prior: Gaussian, inputs: int | None) -> Iterator[str]:
-    """Where sigma points of the prior lie so far apart in an angle that they come back from the other side.
-
-    Points at ±γσ of a course see opposite sines at half a turn, and filters then lock on to the opposite course
-    (Sobolev, VIII.B with P0 as printed). The arguments are those of `warn_of_folding`.
     """
     turning, reach = _turning(model, filter)
     if not turning or is_traced(prior.mean) or is_traced(prior.cov) or prior.dim != model.dim:

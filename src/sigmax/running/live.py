@@ -12,11 +12,11 @@ from sigmax.filters import Filter
 from sigmax.models.fusion import Fused
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, check_flat
+from sigmax.running.cautions import warn_before
 from sigmax.running.clocked_engine import ClockedEngine
 from sigmax.running.covariances import covariances
 from sigmax.running.current import current_model
 from sigmax.running.estimate import Estimate
-from sigmax.running.folding import warn_of_folding
 from sigmax.running.fusing import Members
 from sigmax.running.given import Given, Heard
 from sigmax.running.intervals import duration, instant, seconds_of
@@ -74,7 +74,7 @@ class Live(LiveEstimate):
         now = current_model(model)
         self.filter, model, prior = joined(self._asked[0], now, prior)
         for own, part in modes_of(self.filter, model):
-            warn_of_folding(own, part, prior, None)
+            warn_before(own, part, prior, None)
             if duration("lag", lag):
                 check_smoothed(own)
         layout = Layout.of(now, prior.mean.ndim == 2, self.filter.form.bias_first)

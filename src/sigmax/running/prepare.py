@@ -16,8 +16,8 @@ from sigmax.models.model import Model
 from sigmax.models.noise_by_row import noises_by_row, with_noise_by_row
 from sigmax.models.stack import stack
 from sigmax.models.switching import SwitchingModel
+from sigmax.running.cautions import warn_before
 from sigmax.running.current import current_model, found_once
-from sigmax.running.folding import warn_of_folding
 from sigmax.running.functions import check_functions
 from sigmax.running.intervals import intervals
 from sigmax.running.joining import joined, modes_of
@@ -121,7 +121,7 @@ def prepare(
     elapsed = intervals(dt, T, update_first)
     u = inputs_given = _inputs(model, inputs, T)
     for own, part in modes_of(filter, model):
-        warn_of_folding(own, part, prior, None if u is None else u.shape[-1])
+        warn_before(own, part, prior, None if u is None else u.shape[-1])
     fused = None
     if R is not None:
         model, u = with_noise_by_row(model, noises_by_row(model, measured, R), u)

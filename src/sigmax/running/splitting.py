@@ -22,7 +22,7 @@ _CENTRE, _SIDE = math.log(2 / 3), math.log(1 / 6)
 # The curvature of a sensor is squared so often in looking for its leading direction.
 _SQUARINGS = 3
 # A sensor with less noise than this part of its curvature bends as much as one can.
-_LEAST_NOISE = 1e-9
+LEAST_NOISE = 1e-9
 
 
 class Slot(NamedTuple):
@@ -103,7 +103,7 @@ def _curves(model: Model, sensor: str, R: Any, member: Belief, z: Any, u: Any) -
     noise, _ = sensor_noise(model, R, x, u, seen)
     # A sensor without noise bends as much as one can.
     size = jnp.abs(curves).sum((1, 2))
-    noise = raised(noise, jnp.where(size > 0, _LEAST_NOISE * size, 1))
+    noise = raised(noise, jnp.where(size > 0, LEAST_NOISE * size, 1))
     flat = curves.reshape(len(curves), n * n, *curves.shape[3:])
     whitened = flat / noise.entries[:, None] if isinstance(noise, Diagonal) else solve_lower(noise, flat)
     return whitened.reshape(curves.shape)

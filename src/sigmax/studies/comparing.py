@@ -11,7 +11,7 @@ from typing import Any
 import joblib
 from joblib.parallel import get_active_backend
 
-from sigmax.errors import FoldingWarning
+from sigmax.errors import BendingWarning, FoldingWarning
 from sigmax.filters import Filter, get
 from sigmax.models.model import check_flat
 from sigmax.models.switching import check_one_mode
@@ -75,6 +75,7 @@ def compare(
     with warnings.catch_warnings():
         # Said once for each filter, in the notes, not for each block of runs.
         warnings.simplefilter("ignore", FoldingWarning)
+        warnings.simplefilter("ignore", BendingWarning)
         return _compared(study, filters, runs, seed, particles, workers, chunk, folder, backend, show, report, begun)
 
 
