@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +19,8 @@ from sigmax.running.splitting import LEAST_NOISE
 # A split makes three of one; each bends by 0.55² of it.
 _GROWTH = math.log(3) / math.log(1 / 0.55**2)
 _MOST = 31
+_REMEMBERED = 64
+_known: dict[tuple[Any, ...], float] = {}
 
 
 def bending(filter: Filter, model: Model, prior: Gaussian) -> Iterator[str]:
@@ -37,10 +40,18 @@ def bending(filter: Filter, model: Model, prior: Gaussian) -> Iterator[str]:
     values, vectors = np.linalg.eigh(P)
     S = vectors * np.sqrt(np.maximum(values, 0))
     there = filter.kept + 2 * filter.splits
-    for name in model.sensors:
-        if model.sensor_inputs[name] or model.R[name] is None:
+    for name, sensor in model.sensors.items():
+        R = model.R[name]
+        if model.sensor_inputs[name] or R is None:
             continue
-        bend = _bend(model, name, x, S)
+        # It takes longer than a short run; the same model, noise and prior bend alike again.
+        key = sensor, R if callable(R) else np.asarray(jax.tree.leaves(R)[0]).tobytes(), x.tobytes(), S.tobytes()
+        bend = _known.get(key)
+        if bend is None:
+            bend = _bend(model, name, x, S)
+            if len(_known) >= _REMEMBERED:
+                _known.clear()
+            _known[key] = bend
         wanted = (bend / filter.bend) ** _GROWTH
         if not wanted > there:
             continue
