@@ -23,9 +23,7 @@ def model(r, inputs=False):
 PRIOR = sigmax.Gaussian([1.0], [1.0])
 
 
-@pytest.mark.parametrize(
-    ("r", "members", "silent"), [(0.3, 5, True), (0.03, 9, False), (0.03, 31, False), (0.1, 13, True)]
-)
+@pytest.mark.parametrize(("r", "members", "silent"), [(0.3, 5, True), (0.03, 9, False), (0.1, 13, True)])
 def test_it_is_silent_where_the_mean_is_the_integral(r, members, silent):
     """The mean after one measurement against a sum over a grid, in deviations of the posterior."""
     assert (not list(bending(sigmax.bank("SRCKFB", members), model(r), PRIOR))) == silent

@@ -19,6 +19,8 @@ from sigmax.running.mixture import normalised
 from sigmax.running.splitting import split
 from sigmax.spaces import moments
 
+# Some have too few members on purpose: what they share with others must hold all the same.
+pytestmark = pytest.mark.filterwarnings("ignore::sigmax.errors.BendingWarning")
 ENGINES = ["native", pytest.param("xla", marks=pytest.mark.slow)]
 PRIOR = sigmax.Gaussian([1.0, 0.0], [4.0, 1.0])
 

@@ -42,13 +42,15 @@ def bending(filter: Filter, model: Model, prior: Gaussian) -> Iterator[str]:
     there = filter.kept + 2 * filter.splits
     for name, sensor in model.sensors.items():
         R = model.R[name]
-        if model.sensor_inputs[name] or R is None:
+        if model.sensor_inputs[name] or R is None or is_traced(R):
             continue
         # It takes longer than a short run; the same model, noise and prior bend alike again.
         key = sensor, R if callable(R) else np.asarray(jax.tree.leaves(R)[0]).tobytes(), x.tobytes(), S.tobytes()
         bend = _known.get(key)
         if bend is None:
             bend = _bend(model, name, x, S)
+            if bend is None:
+                continue
             if len(_known) >= _REMEMBERED:
                 _known.clear()
             _known[key] = bend
@@ -64,10 +66,11 @@ def bending(filter: Filter, model: Model, prior: Gaussian) -> Iterator[str]:
         )
 
 
-def _bend(model: Model, sensor: str, x: np.ndarray, S: np.ndarray) -> float:
+def _bend(model: Model, sensor: str, x: np.ndarray, S: np.ndarray) -> float | None:
     """What a sensor departs from its line along a root's direction of most curvature, in deviations of its noise.
 
-    By second differences, as the bank's own splits (`running.splitting`), with an exact eigenvector.
+    By second differences, as the bank's own splits (`running.splitting`), with an exact eigenvector; None of numbers
+    that are not known yet.
     """
     n = S.shape[1]
     i, j = np.tril_indices(n)
@@ -77,6 +80,9 @@ def _bend(model: Model, sensor: str, x: np.ndarray, S: np.ndarray) -> float:
     offsets = np.concatenate([np.zeros((len(S), 1)), away, -away], axis=1)
     beside = model.space.add(jnp.asarray(np.repeat(x[:, None], offsets.shape[1], axis=1)), jnp.asarray(offsets))
     seen = sensing(model, sensor, jnp.asarray(x), None)(beside)
+    noise, _ = sensor_noise(model, model.R[sensor], jnp.asarray(x), None, jnp.ones(m, bool))
+    if is_traced((seen, noise)):
+        return None
     off = np.asarray(onto.difference(seen[:, 1:], jnp.repeat(seen[:, :1], 2 * len(i), axis=1)))
     both = off[:, : len(i)] + off[:, len(i) :]
     H = np.zeros((len(both), n, n))
@@ -85,7 +91,6 @@ def _bend(model: Model, sensor: str, x: np.ndarray, S: np.ndarray) -> float:
     mixed = (H - own[:, :, None] - own[:, None, :]) / 2
     mixed[:, range(n), range(n)] = own
     mixed = np.where(np.isfinite(mixed), mixed, 0.0)
-    noise, _ = sensor_noise(model, model.R[sensor], jnp.asarray(x), None, jnp.ones(len(both), bool))
     size = np.abs(mixed).sum((1, 2))
     L = np.asarray(dense(raised(noise, jnp.asarray(np.where(size > 0, LEAST_NOISE * size, 1.0)))))
     white = np.linalg.solve(L, mixed.reshape(len(both), -1)).reshape(mixed.shape)
