@@ -1,3 +1,4 @@
+import collections
 import ctypes
 import ctypes.util
 import itertools
@@ -30,3 +31,16 @@ def memory():
         jax.clear_caches()
         if _trim is not None:
             _trim(0)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Of a test marked `one_in(k)` the quick suite runs each k-th case; the others are slow."""
+    seen = collections.Counter()
+    for item in items:
+        mark = item.get_closest_marker("one_in")
+        if mark is not None and item.get_closest_marker("slow") is None:
+            name = item.nodeid.partition("[")[0]
+            if seen[name] % mark.args[0]:
+                item.add_marker(pytest.mark.slow)
+            seen[name] += 1

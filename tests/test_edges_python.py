@@ -205,6 +205,7 @@ REAL = {
 
 @pytest.mark.parametrize("kind", REAL)
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.one_in(3)
 def test_numbers_of_every_type_run_in_the_type_of_the_run(kind, dtype):
     """Whole numbers, which all types hold exactly: the same bits, with noises in numbers and as functions."""
     of = REAL[kind]

@@ -209,6 +209,7 @@ INTERVALS = {"zero first": [0.0, 1.0, 1.0], "ones": [1.0] * 3, "zeros": [0.0] * 
 @pytest.mark.parametrize("dt", INTERVALS)
 @pytest.mark.parametrize("u", [0.0, 1.0])
 @pytest.mark.parametrize("case", BENT)
+@pytest.mark.one_in(3)
 def test_the_kalman_filter_refuses_what_is_not_linear_whatever_the_record(case, u, dt):
     made = model(**BENT[case])
     with pytest.raises(sigmax.InputError, match="KF is for linear models"):

@@ -96,6 +96,7 @@ TACKS = np.cumsum(np.where((np.arange(400) // 50)[:, None] % 2, [[2.0, 0.0]], [[
 
 @pytest.mark.parametrize("share", [0.0, 0.1])
 @pytest.mark.parametrize("path", [TURN, JUMPS, TACKS], ids=["turn", "jumps", "tacks"])
+@pytest.mark.one_in(2)
 def test_what_a_model_lacks_is_not_explained_away(path: np.ndarray, share: float, tmp_path: Path) -> None:
     """Weighed down often enough, a wrong model agrees with what is left; its covariance is not believed for that."""
     record = load(described(tmp_path, path, share, np.random.default_rng(0)))

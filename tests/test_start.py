@@ -52,6 +52,7 @@ DT = {"a number": 1.0, "as many": np.ones(5), "one less": np.ones(4), "the first
 @pytest.mark.parametrize("backend", ["native", "xla"])
 @pytest.mark.parametrize("name", ["EKF", "SREKFB", "EIF"])
 @pytest.mark.parametrize("kind", DT)
+@pytest.mark.one_in(2)
 def test_a_prior_at_the_first_measurement_is_not_moved(name, backend, kind):
     filtered, smoothed, total = by_hand(Z)
     got = sigmax.run(name, MODEL, PRIOR, Z, dt=DT[kind], update_first=True, backend=backend)

@@ -121,6 +121,7 @@ def augmented(name, bias_first):
 
 
 @pytest.mark.parametrize("name", TWO_STAGE)
+@pytest.mark.one_in(2)
 def test_two_stages_are_the_augmented_filter_of_the_same_root(name):
     got = answer(name)
     assert got.ok.all()
@@ -235,6 +236,7 @@ LINEAR = Augmented()
 
 
 @pytest.mark.parametrize("name", [*TWO_STAGE, *MARGINAL, "KF", "SRHCKFB", "SREIF"])
+@pytest.mark.one_in(2)
 def test_on_a_linear_model_every_filter_is_the_kalman_filter(name):
     p = LINEAR
     z = p.z.copy()

@@ -145,6 +145,7 @@ def same(line, plain, root, plain_root):
 
 @pytest.mark.parametrize("permute", [False, True])
 @pytest.mark.parametrize(("family", "parameters"), RULES)
+@pytest.mark.one_in(2)
 def test_moments_are_those_of_the_plain_rule_with_the_same_root(family, parameters, permute):
     batch = (3,) if permute else ()
     rng = np.random.default_rng(0)
@@ -175,6 +176,7 @@ def test_moments_are_those_of_the_plain_rule_with_the_same_root(family, paramete
     same(line, plain, S, root)
 
 
+@pytest.mark.slow
 def test_an_angle_spread_over_turns_counts_as_its_set_sees_it():
     """A course known to 426 degrees is straight in the course and is sampled all the same, as the motion needs it."""
     motion = sigmax.motions.coordinated_turn()

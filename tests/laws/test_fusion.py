@@ -109,6 +109,7 @@ MIXED = ("west", "sonar", "east")
 
 @pytest.mark.parametrize("names", [ALIKE, MIXED], ids=["alike", "mixed"])
 @pytest.mark.parametrize("filter", ["CKF", "MTSHCIF", "TSCIF"])
+@pytest.mark.one_in(2)
 def test_fused_sensors_are_the_central_filter(filter, names):
     """Also NIS, its degrees of freedom and the likelihood are those of all the members."""
     got, want = fused(filter, names), by_hand(filter, names)
@@ -200,6 +201,7 @@ def test_fused_sensors_that_take_inputs_say_so():
 
 
 @pytest.mark.parametrize("messages", [False, True])
+@pytest.mark.one_in(2)
 def test_live_on_fused_sensors_answers_the_same_on_both_engines(messages):
     """The noise of what was put together is a function of inputs: it must not be taken for numbers."""
     z = {s: record()[s][0] for s in MIXED}
@@ -269,6 +271,7 @@ def test_stations_answer_what_the_central_filter_answers():
 @pytest.mark.parametrize(
     ("filter", "options"), [("SREIF", {}), ("EKF", {}), ("TSEKF", {}), ("TSCIF", {"information": "paper"})]
 )
+@pytest.mark.one_in(2)
 def test_contributions_to_the_state_add_up(filter, options):
     """Where there is no Ω, or it is left out, a receiver need not know the sensors: (i, I) is enough."""
     names = ("sonar", "west")
@@ -347,6 +350,7 @@ def test_a_measurement_known_very_unevenly_is_a_message_and_one_without_noise_is
 @pytest.mark.parametrize(
     "text", ["", "{}", "[]", "null", '{"format": "another"}', '{"format": "sigmax contribution 1"}']
 )
+@pytest.mark.one_in(3)
 def test_what_is_no_message_is_refused(text):
     with pytest.raises(sigmax.InputError, match="format 'sigmax contribution 1'"):
         sigmax.running.Contribution.from_json(text)

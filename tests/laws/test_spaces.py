@@ -101,6 +101,7 @@ def test_adding_a_difference_reaches_the_other_point(space):
 
 
 @MOST
+@pytest.mark.one_in(2)
 def test_about_its_base_a_difference_is_the_identity_and_straight(space):
     """To second order too: what a rule of second order sees of a chart is no bend."""
     x = points(space, 1)[:, 0]
@@ -115,6 +116,7 @@ def test_about_its_base_a_difference_is_the_identity_and_straight(space):
 
 @EACH
 @pytest.mark.parametrize("length", ANGLES)
+@pytest.mark.one_in(3)
 def test_jacobians_are_the_derivatives(space, length):
     """By Richardson's differences of ⊞ and ⊟ alone, which know nothing of Jacobians; and J⁻¹ J = 1."""
     x, d = points(space, 1), differences(space, length, 1)
@@ -135,6 +137,7 @@ def test_jacobians_are_the_derivatives(space, length):
 
 @pytest.mark.parametrize("space", GROUPS.values(), ids=GROUPS)
 @pytest.mark.parametrize("length", ANGLES)
+@pytest.mark.one_in(2)
 def test_a_group_is_its_matrices(space, length):
     """⊞ is a product with SciPy's exponential, ⊟ its logarithm; J the series Σ (−ad)ᵏ / (k + 1)!."""
     x, y, d = points(space, 1)[:, 0], points(space, 1, 3)[:, 0], differences(space, length, 1)[:, 0]
@@ -221,6 +224,7 @@ def test_single_precision_is_precise(space):
 
 
 @EACH
+@pytest.mark.one_in(2)
 def test_a_factor_is_seen_from_the_other_point(space):
     """S⁺ S⁺ᵀ = J S Sᵀ Jᵀ, lower, its diagonal not negative."""
     rng = np.random.default_rng(10)
@@ -235,6 +239,7 @@ def test_a_factor_is_seen_from_the_other_point(space):
 
 
 @MOST
+@pytest.mark.one_in(2)
 def test_numpy_jax_and_c_agree(space):
     """What is computed in C is what JAX computes, with no number that is not finite, also where nothing moves."""
     rng = np.random.default_rng(11)

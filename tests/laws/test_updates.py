@@ -74,6 +74,7 @@ def quality(result, truth):
 
 @pytest.mark.parametrize("update", [sigmax.iterated(k, guarded) for k in (1, 4) for guarded in (True, False)], ids=str)
 @pytest.mark.parametrize("name", ["EKF", "SRCKFB", "CIF", "SRUKF", "SRPFB"])
+@pytest.mark.one_in(2)
 def test_iterating_changes_nothing_where_the_sensor_is_straight(name, update):
     problem = linear(4, 2)
     z = problem.z.copy()
@@ -182,6 +183,7 @@ def test_every_form_is_the_covariance_form_with_every_update(name, update):
 
 @pytest.mark.parametrize("update", ["unguarded", "iterated huber"])
 @pytest.mark.parametrize("name", ["TSEKF", "TSCKF"])
+@pytest.mark.one_in(2)
 def test_two_stages_are_the_covariance_form_with_every_update(name, update):
     filter = sigmax.get(name, update=UPDATES[update])
     z = turning_record()
@@ -304,6 +306,7 @@ TOGETHER = sigmax.Model(
 
 
 @pytest.mark.parametrize("backend", [None, "xla"])
+@pytest.mark.one_in(2)
 def test_each_sensor_has_the_update_that_is_its_own(backend):
     """One filter with two updates is two filters in turn, each correcting with its own sensor."""
     _, z = drawn(RADAR, RADAR_R, 1, 6, 5, outliers=0.5)
@@ -347,6 +350,7 @@ def test_a_weight_of_ones_own_divides_the_noise():
 
 
 @pytest.mark.parametrize("update", UPDATES)
+@pytest.mark.one_in(3)
 def test_single_precision_is_near(update):
     filter = sigmax.get("SRCKFB", update=UPDATES[update])
     _, z = drawn(RADAR, RADAR_R, 20, 6, seed=9, outliers=0.1)

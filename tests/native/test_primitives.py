@@ -180,6 +180,7 @@ def integers_of(t, limit):
 
 
 @pytest.mark.parametrize("t", INTEGERS)
+@pytest.mark.one_in(2)
 def test_small_integers(t):
     beyond = ("neg", "not", "minus", "sub", "div", "floor div") if t == "uint64" else ()
     refusing = [f"{t} {n}" for n in (*beyond, *(("as uint64",) if t.startswith("int") else ()))]

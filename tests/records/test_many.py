@@ -206,6 +206,7 @@ def check_neighbours(kind: str, folder: Path, most: int | None) -> None:
 
 
 @pytest.mark.parametrize("kind", SOURCES)
+@pytest.mark.one_in(2)
 def test_a_description_with_one_other_value_is_taken_or_refused_in_words(kind: str, tmp_path: Path) -> None:
     check_neighbours(kind, tmp_path, 150)
 
