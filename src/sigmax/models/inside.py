@@ -173,7 +173,9 @@ def noises_apart(motion: Any, sensor: Any, Q: Any, R: Any) -> tuple[Any, Any, An
         within.append((None, joint, size))
     several = isinstance(sensor, Mapping)
     parts = dict(sensor) if isinstance(sensor, Mapping) else {"": sensor}
-    noises: dict[str, Any] = dict(R or {}) if several else {"": R}
+    if several and not (R is None or isinstance(R, Mapping)):
+        raise InputError(f"with several sensors R must be a dict by sensor name, it is {type(R).__name__}")
+    noises: dict[str, Any] = dict({} if R is None else R) if several else {"": R}
     for s, part in parts.items():
         if isinstance(part, Inside):
             if noises.get(s) is not None:
