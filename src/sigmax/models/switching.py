@@ -65,6 +65,7 @@ class SwitchingModel(Model):
         self.units = tuple(dict(pair for m in reversed(self.models) for pair in m.units).items())
         self.several, self.measured = first.several, first.measured
         self.domain = self.bias = self.fusion = None
+        self.constraints = self.inside = ()
         inputs = {m.inputs for m in self.models} - {None}
         self.inputs = inputs.pop() if len(inputs) == 1 else None
         self.motion_inputs = any(m.motion_inputs for m in self.models)
