@@ -114,14 +114,12 @@ def envelope(
     """The family of a model that has no bias and is not fused."""
     check_added(model, "the doctor")
     at = _Places(parameters, given, driven, sum(m for _, m in sizes))
-    made = object.__new__(Model)
     sensors, noises, before = {}, {}, 0
     for s, m in sizes:
         sensors[s] = _sensor(model, s, m, at)
         noises[s] = _sensor_noise(model.R[s], s, m, before, at)
         before += m
-    made.__dict__.update(
-        model.__dict__,
+    made = model.with_parts(
         motion=_motion(model, at),
         motion_inputs=True,
         sensors=sensors,

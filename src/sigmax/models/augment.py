@@ -34,9 +34,7 @@ def augment(model: Model, first: bool = False) -> Model:
     if bias is None:
         return model
     at = _Joint(model.size, bias.size, first)
-    made = object.__new__(Model)
-    made.__dict__.update(
-        model.__dict__,
+    return model.with_parts(
         motion=_remembered(_motion, model.motion, model.motion_inputs, at, model.space, _matrix(bias.motion)),
         motion_inputs=model.motion_driven,
         sensors={
@@ -51,7 +49,6 @@ def augment(model: Model, first: bool = False) -> Model:
         domain=None if model.domain is None else _remembered(_domain, model.domain, at),
         bias=None,
     )
-    return made
 
 
 def with_bias(model: Model, prior: Gaussian, first: bool = False) -> tuple[Model, Gaussian]:

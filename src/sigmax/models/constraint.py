@@ -1,6 +1,5 @@
 """What is known of every state: functions of it that have a value, or lie between bounds."""
 
-import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -65,9 +64,7 @@ def constrain(
     for a, b in zip(least, most, strict=True):
         if not a <= b or a == np.inf or b == -np.inf:
             raise InputError(f"a constraint lies between low and high; they are {a:g} and {b:g}")
-    made = copy.copy(model)
-    made.constraints = (*model.constraints, Constraint(g, least, most))
-    return made
+    return model.with_parts(constraints=(*model.constraints, Constraint(g, least, most)))
 
 
 def _both(low: Any, high: Any) -> tuple[tuple[str, Any], tuple[str, Any]]:

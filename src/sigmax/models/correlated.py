@@ -68,9 +68,7 @@ def correlated(model: Model, S: Any) -> Model:
     extra = 2 * sum(len(one.S[0]) for one in heard)
     sensors = tuple(heard)
     Q = model.Q if callable(model.Q) else by_value(model.Q)
-    made = object.__new__(Model)
-    made.__dict__.update(
-        model.__dict__,
+    return model.with_parts(
         motion=_moved(model.motion, model.motion_inputs, sensors, extra),
         motion_inputs=True,
         inputs=None,
@@ -78,7 +76,6 @@ def correlated(model: Model, S: Any) -> Model:
         Q=_left(Q, sensors, extra),
         R={s: noise_of_sensor(R, extra) for s, R in model.R.items()},
     )
-    return made
 
 
 def after(z: Any, u: Any = None) -> np.ndarray:

@@ -77,9 +77,7 @@ def fused(model: Model, *, messages: bool = False) -> Model:
             blocks.append(Block((s,), model.measured_angular(s, len(names)), messages))
         else:
             blocks[alike] = Block((*blocks[alike].members, s), blocks[alike].angular, True)
-    made = object.__new__(Model)
-    made.__dict__.update(model.__dict__, fusion=tuple(blocks))
-    return made
+    return model.with_parts(fusion=tuple(blocks))
 
 
 def _same(model: Model, one: str, other: str) -> bool:

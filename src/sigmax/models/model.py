@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
 import jax
 
@@ -177,14 +177,18 @@ class Model:
         """The model with another prior of its bias, (p,) or (B, p); one without a bias is itself."""
         if self.bias is None:
             return self
-        made, bias = copy.copy(self), copy.copy(self.bias)
-        bias.prior, made.bias = prior, bias
-        return made
+        bias = copy.copy(self.bias)
+        bias.prior = prior
+        return self.with_parts(bias=bias)
 
     def with_noise(self, sensor: str, R: Noise) -> "Model":
         """The model with another noise of a sensor."""
-        made = copy.copy(self)
-        made.R = {**self.R, sensor: R}
+        return self.with_parts(R={**self.R, sensor: R})
+
+    def with_parts(self, **parts: Any) -> Self:
+        """The model with other attributes, which are not checked."""
+        made = object.__new__(type(self))
+        made.__dict__.update(self.__dict__, **parts)
         return made
 
     def measured_space(self, sensor: str, size: int) -> Space:

@@ -104,15 +104,12 @@ def _reading(model: Model, R: Mapping[str, NoiseByRow], extra: int) -> Model:
         noises[sensor] = _behind(behind, given.dim, given.full)
         behind -= given.values.shape[-1]
     own = {s: noise_of_sensor(noise, extra) for s, noise in model.R.items()}
-    made = object.__new__(Model)
-    made.__dict__.update(
-        model.__dict__,
+    return model.with_parts(
         motion=fronted(model.motion, 2, extra) if model.motion_inputs else model.motion,
         sensors={s: fronted(h, 1, extra) if model.sensor_inputs[s] else h for s, h in model.sensors.items()},
         Q=noise_of_motion(model.Q, extra),
         R=own | noises,
     )
-    return made
 
 
 @lru_cache(maxsize=256)

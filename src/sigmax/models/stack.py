@@ -22,9 +22,7 @@ def stack(model: Model) -> Model:
     extra = inputs_behind(model)
     driven = tuple(model.sensor_inputs[s] for s in heads)
     h = _stacked(tuple(model.sensors[s] for s in heads), driven, extra)
-    made = object.__new__(Model)
-    made.__dict__.update(
-        model.__dict__,
+    return model.with_parts(
         fusion=None,
         motion=fronted(model.motion, 2, extra) if model.motion_inputs else model.motion,
         sensors={name: h},
@@ -33,7 +31,6 @@ def stack(model: Model) -> Model:
         Q=noise_of_motion(model.Q, extra),
         R={name: _noise(model, blocks, extra)},
     )
-    return made
 
 
 def _names(model: Model, blocks: tuple[Block, ...]) -> tuple[str, ...]:

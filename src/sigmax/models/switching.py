@@ -1,6 +1,5 @@
 """A target that does one thing or another: models that take turns as a Markov chain does."""
 
-import copy
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -106,9 +105,7 @@ class SwitchingModel(Model):
 
     def with_models(self, models: Sequence[Model]) -> "SwitchingModel":
         """The model with others of the same components in the place of its own."""
-        made = copy.copy(self)
-        made.models = tuple(models)
-        return made
+        return self.with_parts(models=tuple(models))
 
     def transitions(self, dt: Any) -> Any:
         """Probabilities (M, M, ...) that a target in one mode (row) is in another (column) dt later; at 0 it stays."""

@@ -170,9 +170,7 @@ def _made_current(model: Model, functions: list[tuple[Any, _Known]]) -> Model:
         switching = model.with_models([_made_current(m, functions) for m in model.models])
         switching.transition = now(model.transition)
         return switching
-    made = object.__new__(Model)
-    made.__dict__.update(
-        model.__dict__,
+    made = model.with_parts(
         motion=now(model.motion),
         sensors={s: now(h) for s, h in model.sensors.items()},
         domain=now(model.domain),

@@ -1,6 +1,5 @@
 """A study: how truth and measurements are drawn, and which filters are to be compared on them."""
 
-import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -229,6 +228,4 @@ def _still(model: Model) -> bool:
 
 def undisturbed(model: Model) -> Model:
     """The same model without noise of the motion: a truth that is fixed."""
-    still = copy.copy(model)
-    still.Q = Diagonal(np.zeros(model.size))
-    return still
+    return model.with_parts(Q=Diagonal(np.zeros(model.size)))
