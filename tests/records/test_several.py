@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 
 from sigmax.errors import InputError
-from sigmax.records import Record, load
+from sigmax.logs import read_log
+from sigmax.records import Record, load, read_table
 from tests.records.logs_written import ulog
 from tests.records.test_proposals import world
 
@@ -155,7 +156,9 @@ def test_tracks_and_places_of_several_tables(tmp_path: Path) -> None:
     assert two.placed == one.placed
 
 
-def test_two_tables_of_one_log(tmp_path: Path) -> None:
+def test_two_tables_of_one_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = []
+    monkeypatch.setattr(read_table, "read_log", lambda *of: read.append(of) or read_log(*of))
     ulog(tmp_path, world())
     (tmp_path / "d.toml").write_text(
         'data = "flight.ulg"\ntable = "sensor_gps"\ntime = "time"\nfilters = ["EKF"]\n'
@@ -169,6 +172,7 @@ def test_two_tables_of_one_log(tmp_path: Path) -> None:
         '[truth]\nnorth = "ekf.x"\neast = "ekf.y"\n'
     )
     record = load(str(tmp_path / "d.toml"))
+    assert len(read) == 1
     assert record.epoch is not None
     seen, known = record.z["gps"][0], record.truth[0, :, :2]
     # Both have the times of the device: a row of one, then one of the other.

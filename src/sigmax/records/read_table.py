@@ -17,6 +17,8 @@ _TABLES = (".csv", ".tsv", ".csv.gz", ".tsv.gz", *_PARQUET)
 _OTHER = (".txt", ".dat", ".txt.gz", ".dat.gz")
 # Room that a file takes: text and its numbers by the byte, or a log; a column of numbers, its copies and estimates.
 _BY_BYTE, _PACKED, _BY_NUMBER, _BY_BYTE_OF_LOG = 6, 8, 48, 12
+# The tables of each log by their names.
+Logs = dict[Path, dict[str, Table]]
 
 
 def is_table(path: Path) -> bool:
@@ -25,7 +27,13 @@ def is_table(path: Path) -> bool:
 
 
 def read_table(
-    path: Path, *, table: str = "", lenient: bool = False, decimal: str = ".", header: Sequence[str] = ()
+    path: Path,
+    *,
+    table: str = "",
+    lenient: bool = False,
+    decimal: str = ".",
+    header: Sequence[str] = (),
+    logs: Logs | None = None,
 ) -> Table:
     """A text file with a header line (CSV and the like), a Parquet file, or a table of a log.
 
@@ -35,11 +43,12 @@ def read_table(
         lenient: leaves out rows of another length.
         decimal: the sign before the decimals of numbers that are text.
         header: the names of the columns of a text file that does not begin with them.
+        logs: those that were read before; a log that is not among them is added.
 
     Raises:
         InputError: for a file that is missing, empty, cut off, too large for the memory, or otherwise unreadable.
     """
-    found = _read(path, lenient, decimal, header)
+    found = _read(path, lenient, decimal, header, {} if logs is None else logs)
     if table and table not in found:
         if len(found) == 1 and not format_of(path):
             raise InputError(f"{path.name} is one table without a name; drop table = {table!r}")
@@ -55,10 +64,12 @@ def read_tables(path: Path, *, decimal: str = ".") -> dict[str, Table]:
     Raises:
         InputError: as `read_table`.
     """
-    return _read(path, False, decimal, ())
+    return _read(path, False, decimal, (), {})
 
 
-def _read(path: Path, lenient: bool, decimal: str, header: Sequence[str]) -> dict[str, Table]:
+def _read(path: Path, lenient: bool, decimal: str, header: Sequence[str], logs: Logs) -> dict[str, Table]:
+    if path in logs:
+        return logs[path]
     format = format_of(path)
     if format is None:
         _check_is_table(path)
@@ -72,7 +83,8 @@ def _read(path: Path, lenient: bool, decimal: str, header: Sequence[str]) -> dic
     try:
         if format is not None:
             check_room(path.name, path.stat().st_size * _BY_BYTE_OF_LOG, f"{path.stat().st_size / 1e9:.1f} GB")
-            return _of_log(path, read_log(path, format))
+            logs[path] = _of_log(path, read_log(path, format))
+            return logs[path]
         reader = _read_parquet if path.suffix.casefold() in _PARQUET else _read_csv
         table = reader(path, lenient, decimal, header)
     except (OSError, EOFError) as error:
@@ -170,7 +182,7 @@ def _read_parquet(path: Path, lenient: bool, decimal: str, names: Sequence[str])
     return Table(path, read, 1, (), decimal)
 
 
-def data_of(description: Description, folder: Path, *, lenient: bool = False) -> Table:
+def data_of(description: Description, folder: Path, *, lenient: bool = False, logs: Logs | None = None) -> Table:
     """The table that a description in a folder is of.
 
     Raises:
@@ -182,4 +194,5 @@ def data_of(description: Description, folder: Path, *, lenient: bool = False) ->
         lenient=lenient,
         decimal=description.decimal,
         header=description.header,
+        logs=logs,
     )

@@ -12,7 +12,7 @@ from sigmax.errors import InputError
 from sigmax.records.description import Description, TimeColumn
 from sigmax.records.frame import Frame
 from sigmax.records.local import frame_of, with_local
-from sigmax.records.read_table import data_of, read_table
+from sigmax.records.read_table import Logs, data_of, read_table
 from sigmax.records.table import Table
 from sigmax.records.units import TIME, quantity
 
@@ -40,7 +40,9 @@ def read_data(
     Raises:
         InputError: for whatever is missing or does not fit.
     """
-    table = data_of(description, folder)
+    # Tables of one log come from one reading of it.
+    logs: Logs = {}
+    table = data_of(description, folder, logs=logs)
     parts = [description.local, *(part.local for part in description.tables.values())]
     first = with_local(table, description.local)
     frame = None if description.local is None else frame_of(description.local, table)
@@ -60,6 +62,7 @@ def read_data(
             table=part.table,
             decimal=description.decimal,
             header=part.header,
+            logs=logs,
         )
         notes += [note for note in other.notes if note not in notes]
         if part.local is not None and frame is None:
