@@ -24,7 +24,7 @@ FARTHEST, _EARTH = 900e3, 6371e3
 def with_local(table: Table, part: LocalPart | None, frame: Frame | None = None) -> Table:
     """The table with the columns local.east and local.north, and those of height and velocity where described.
 
-    The frame is that of another table, or described.
+    Without a frame it is the one that is described.
 
     Raises:
         InputError: for latitudes and longitudes that are none, or lie too far from the origin for one plane.
@@ -32,7 +32,7 @@ def with_local(table: Table, part: LocalPart | None, frame: Frame | None = None)
     if part is None:
         return table
     latitude, longitude = (_angles(table, getattr(part, name), name) for name in ("latitude", "longitude"))
-    if frame is None or part.origin is not None:
+    if frame is None:
         frame = frame_of(part, table)
     numbers = [latitude, longitude]
     if part.height is not None:

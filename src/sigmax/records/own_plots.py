@@ -101,7 +101,8 @@ def _record(path: Path, description: PlotDescription, part: TrackingPart) -> Plo
     table, skipped = whole.readable(used, description.time.column, description.time.format)
     if not len(table):
         raise InputError(f"no row of {table.path.name} can be read; the first is {skipped[0]}")
-    table = with_local(table, description.local)
+    frame = None if description.local is None else frame_of(description.local, table)
+    table = with_local(table, description.local, frame)
     time, epoch = instants(table, description.time)
     inputs = columns(table, [(i.column, i.dimension, i.where) for i in built.inputs]) if built.inputs else None
     scans: list[Scan] = []
@@ -125,7 +126,7 @@ def _record(path: Path, description: PlotDescription, part: TrackingPart) -> Plo
         skipped=(*skipped[:_QUOTED], *([more.strip()] if more else [])),
         source=description.source or description.data,
         licence=description.licence,
-        placed=placed(description, built, None if description.local is None else frame_of(description.local, table)),
+        placed=placed(description, built, frame),
     )
 
 

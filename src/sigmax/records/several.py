@@ -43,9 +43,8 @@ def read_data(
     # Tables of one log come from one reading of it.
     logs: Logs = {}
     table = data_of(description, folder, logs=logs)
-    parts = [description.local, *(part.local for part in description.tables.values())]
-    first = with_local(table, description.local)
     frame = None if description.local is None else frame_of(description.local, table)
+    first = with_local(table, description.local, frame)
     if not description.tables:
         return description, first, frame
     time, epoch = instants(first, description.time)
@@ -65,9 +64,10 @@ def read_data(
             logs=logs,
         )
         notes += [note for note in other.notes if note not in notes]
-        if part.local is not None and frame is None:
-            frame = frame_of(part.local, other)
-        other = with_local(other, part.local, frame)
+        if part.local is not None:
+            own_frame = frame_of(part.local, other) if frame is None or part.local.origin is not None else frame
+            other = with_local(other, part.local, own_frame)
+            frame = frame or own_frame
         own, began = instants(other, part.time)
         if (began is None) != (epoch is None):
             raise InputError(f"{where}.time counts otherwise than time: both are dates, or both are numbers")
@@ -108,7 +108,7 @@ def read_data(
         first, columns=joined, first_row=1, left_out=(), notes=tuple(notes), labels=tuple(np.concatenate(labels)[order])
     )
     given = description.model_copy(update={"time": TimeColumn(column=_TIME), "sort": False})
-    return given, whole, frame if any(parts) else None
+    return given, whole, frame
 
 
 def _labels(table: Table) -> np.ndarray:
@@ -116,7 +116,7 @@ def _labels(table: Table) -> np.ndarray:
 
 
 def _of_motion(description: Description) -> set[str]:
-    """Columns of the first table that drive the motion."""
+    """Columns that drive the motion."""
     motions = [*description.motion, *(m for mode in description.modes.values() for m in mode.motion)]
     return {column.column for motion in motions for column in motion.inputs.values()}
 
