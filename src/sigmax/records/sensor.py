@@ -59,19 +59,7 @@ _OPTIONS: dict[str, set[str]] = {
     "vehicle_range_bearing": {"at"},
 }
 KINDS = tuple(_OPTIONS)
-_CHOICES = (
-    "at",
-    "origin",
-    "scale",
-    "radial_velocity",
-    "measurement",
-    "clock",
-    "system",
-    "earth",
-    "reference",
-    "speed",
-    "heading",
-)
+_ALL_OPTIONS = sorted({"measurement"}.union(*_OPTIONS.values()))
 _MEASURED = {
     "range": LENGTH,
     "azimuth": ANGLE,
@@ -95,7 +83,7 @@ def read_sensor(
     own = is_reference(part.kind)
     if not own and part.kind not in KINDS:
         raise InputError(f"{where}.kind: {unknown('sensor', part.kind, KINDS)}; your own is written file.py:function")
-    for option in _CHOICES:
+    for option in _ALL_OPTIONS:
         allowed = {"measurement"} if own else _OPTIONS[part.kind]
         if getattr(part, option) not in (None, False) and option not in allowed:
             raise InputError(f"{where}.{option}: {'your own sensor' if own else part.kind} takes no {option!r}")

@@ -5,7 +5,8 @@ from sigmax.models import Sensor, sensors
 from sigmax.records.description import SensorPart
 from sigmax.records.units import ANGLE, LENGTH, NUMBER, SPEED, Dimension, quantity
 
-_RECEIVERS = {
+# Of how many components `at` is, 0 where that is free.
+_COMPONENTS = {
     "pseudorange": 3,
     "pseudorange_rate": 3,
     "time_difference": 0,
@@ -36,8 +37,8 @@ def ready_made(
         return sensors.bearing(at, origin or (0.0, 0.0))
     if part.kind == "camera_bearing":
         return sensors.camera_bearing(at)
-    if part.kind in _RECEIVERS:
-        return _receiver(part, where, at, origin, state)
+    if part.kind in _COMPONENTS:
+        return _other_kind(part, where, at, origin, state)
     if len(at) not in (2, 3):
         raise InputError(
             f"{where}.at must be two components, or three with an elevation; it is {[state[i] for i in at]}"
@@ -54,10 +55,10 @@ def ready_made(
     return sensors.range_azimuth(at, origin or (0.0,) * len(at), velocity, polar)
 
 
-def _receiver(
+def _other_kind(
     part: SensorPart, where: str, at: tuple[int, ...], origin: tuple[float, ...] | None, state: tuple[str, ...]
 ) -> Sensor:
-    wanted = _RECEIVERS[part.kind]
+    wanted = _COMPONENTS[part.kind]
     if wanted and len(at) != wanted:
         raise InputError(f"{where}.at must be {wanted} components; it is {[state[i] for i in at]}")
 
