@@ -49,7 +49,7 @@ def read_data(
         return description, first, frame
     time, epoch = instants(first, description.time)
     ordered(first, description.track, time, description.sort)
-    pieces, times, labels = [first.columns], [time], [_labels(first)]
+    pieces, times, sources = [first.columns], [time], [first]
     of_truth = [np.zeros(len(first), bool)]
     notes = list(table.notes)
     for name, part in description.tables.items():
@@ -82,7 +82,7 @@ def read_data(
             named[description.track] = other.column(part.track).astype("string").str.strip()
         pieces.append(named)
         times.append(own)
-        labels.append(_labels(other))
+        sources.append(other)
         of_truth.append(np.full(len(other), _only_truth(description, name)))
     if description.track is not None:
         who = table.column(description.track).astype("string").str.strip()
@@ -95,6 +95,7 @@ def read_data(
     order = order[inside | ((moments[order] >= span.min()) & (moments[order] <= span.max()))]
     joined = pd.concat(pieces, ignore_index=True).iloc[order].reset_index(drop=True)
     table_of = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])[order]
+    row_of = np.concatenate([np.arange(len(piece)) for piece in pieces])[order]
     names = ["", *description.tables]
     for column in _of_motion(description):
         if column in joined:
@@ -104,15 +105,14 @@ def read_data(
     seconds = moments[order]
     nanoseconds = pd.to_timedelta(np.round(seconds * 1e9).astype("int64"), unit="ns")
     joined[_TIME] = seconds if epoch is None else epoch + nanoseconds
-    whole = replace(
-        first, columns=joined, first_row=1, left_out=(), notes=tuple(notes), labels=tuple(np.concatenate(labels)[order])
-    )
+
+    def label(index: int) -> str:
+        source = sources[table_of[index]]
+        return f"{source.row(int(row_of[index]))} of {source.path.name}"
+
+    whole = replace(first, columns=joined, first_row=1, left_out=(), notes=tuple(notes), label=label)
     given = description.model_copy(update={"time": TimeColumn(column=_TIME), "sort": False})
     return given, whole, frame
-
-
-def _labels(table: Table) -> np.ndarray:
-    return np.array([f"{table.row(k)} of {table.path.name}" for k in range(len(table))], object)
 
 
 def _of_motion(description: Description) -> set[str]:

@@ -1,7 +1,7 @@
 """Columns of a table as numbers, times and names, with errors that quote row and value."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ class Table:
         decimal: the sign before the decimals of numbers that are text, a point or a comma.
         notes: what a reader of the results should know of how it was read.
         left_out: numbers of rows, for people, that were left out before.
-        labels: of rows that were joined from several files.
+        label: what a row that was joined from several files is called, by its index.
     """
 
     path: Path
@@ -39,7 +39,7 @@ class Table:
     decimal: str = "."
     notes: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
-    labels: tuple[str, ...] = ()
+    label: Callable[[int], str] | None = None
 
     def __len__(self) -> int:
         return len(self.columns)
@@ -51,8 +51,8 @@ class Table:
 
     def row(self, index: int) -> int | str:
         """The number of a row for people; of several files, with the name of its own."""
-        if self.labels:
-            return self.labels[index]
+        if self.label is not None:
+            return self.label(index)
         number = index + self.first_row
         for skipped in self.left_out:
             number += skipped <= number
