@@ -32,8 +32,7 @@ def tables(path: Path) -> Log:
                 continue
             content = flat(json.loads(message.data))
             kind = "" if schema is None else schema.name.rsplit(".", 1)[-1]
-            stamp = content.pop("timestamp.sec", None), content.pop("timestamp.nsec", None)
-            made = int(stamp[0]) * 1_000_000_000 + int(stamp[1] or 0) if stamp[0] else message.log_time
+            made = ros.stamp_of(content, ("timestamp.sec", "timestamp.nsec"), message.log_time)
             rows.setdefault(channel.topic, []).append(ros.row_of(content, made, kind))
     if not rows and other:
         told = ", ".join(f"{topic} in {encoding}" for topic, encoding in sorted(other.items()))

@@ -47,8 +47,7 @@ def table_of(rows: list[dict[str, Any]]) -> pd.DataFrame:
 
 def row_of(flat_message: dict[str, Any], written: int, kind: str) -> dict[str, Any]:
     """A row with its time, ns since 1970, and with the deviations of a place by their directions."""
-    seconds, part = (flat_message.pop(f"header.stamp.{k}", None) for k in ("sec", "nanosec"))
-    stamp = written if not seconds else int(seconds) * 1_000_000_000 + int(part or 0)
+    stamp = stamp_of(flat_message, ("header.stamp.sec", "header.stamp.nanosec"), written)
     row = {"time": stamp, **flat_message}
     if kind in ("NavSatFix", "LocationFix"):
         for axis, direction in _OF_PLACES.items():
@@ -57,3 +56,9 @@ def row_of(flat_message: dict[str, Any], written: int, kind: str) -> dict[str, A
             if deviation is not None and row.get("position_covariance_type", 1) != 0:
                 row[f"{direction}_std"] = deviation
     return row
+
+
+def stamp_of(flat_message: dict[str, Any], parts: tuple[str, str], written: int) -> int:
+    """The time that a message has in seconds and nanoseconds, which are taken out of it, else when it was written."""
+    seconds, nanoseconds = (flat_message.pop(part, None) for part in parts)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds or 0) if seconds else written
