@@ -33,7 +33,7 @@ def examine_record(name: str, filter: str | None, tracks: Sequence[str], as_json
     console, errors = Console(), Console(stderr=True)
     with errors.status("reading the record"):
         if load_plots(name, None) is not None:
-            raise InputError(f"{name} holds plots: the doctor examines records whose measurements belong to a track")
+            raise no_tracks(name)
         record = load(name)
     target = _target(name) if write else None
     trial = record.trials[0] if filter is None else parse_trial(filter)
@@ -65,6 +65,11 @@ def examine_record(name: str, filter: str | None, tracks: Sequence[str], as_json
     statuses = {one.status for one in found.values()}
     # One track that can be examined is enough for an answer.
     raise SystemExit(1 if 1 in statuses else 0 if 0 in statuses else 2)
+
+
+def no_tracks(name: str) -> InputError:
+    """The refusal of a record of plots."""
+    return InputError(f"{name} holds plots: the doctor examines records whose measurements belong to a track")
 
 
 def _target(name: str) -> Path:
@@ -133,9 +138,14 @@ def _examinable(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Sc
     known = [
         (s.log_likelihood if s.log_likelihood is not None else -np.inf, o, s.label)
         for o, s in zip(outcomes, scores, strict=False)
-        if o.result is not None and not not_examined(record.told(o.trial)[1], record.told(o.trial)[0])
+        if o.result is not None and _can_examine(record, o)
     ]
     return max(known, key=lambda one: one[0])[1:] if known else None
+
+
+def _can_examine(record: Record, outcome: Outcome) -> bool:
+    filter, model, _ = record.told(outcome.trial)
+    return not not_examined(model, filter)
 
 
 def _worst(record: Record, outcome: Outcome) -> int:

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from sigmax.cli import NO_RESULT, WRONG_INPUT
-from sigmax.cli.doctor import examine_worst, proposal
+from sigmax.cli.doctor import examine_worst, no_tracks, proposal
 from sigmax.cli.plots import track_plots
 from sigmax.cli.progress import progress_on
 from sigmax.errors import InputError
@@ -59,7 +59,7 @@ def track_record(
         if prior is not None:
             raise InputError("--prior belongs to a record of tracks; plots begin tracks by themselves")
         if examine:
-            raise InputError(f"{name} holds plots: the doctor examines records whose measurements belong to a track")
+            raise no_tracks(str(name))
         track_plots(plots, filters, out)
         return
     with errors.status("reading the record"):
