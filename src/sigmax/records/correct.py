@@ -37,6 +37,11 @@ class _Of(NamedTuple):
     says: Description
     built: Built
 
+    @property
+    def state(self) -> list[str]:
+        """The names of the components of the state."""
+        return [str(name) for name in self.built.model.state]
+
 
 def correct(path: Path, findings: Sequence[Finding]) -> Correction:
     """The description at `path` without what was found; its comments stay.
@@ -70,6 +75,11 @@ def _component(of: _Of, where: str) -> tuple[str, str]:
     if sensor is None or where[len(sensor) + 1 :] not in of.built.sensings[sensor].dimensions:
         raise InputError(f"{where} is not one component of a sensor")
     return sensor, where[len(sensor) + 1 :]
+
+
+def _in_si(value: float, digits: int, dimension: Dimension) -> str:
+    """A quantity as a description has it, such as "0.35 m"."""
+    return f"{value:.{digits}g} {dimension.symbol}".rstrip()
 
 
 def _components(of: _Of, where: str) -> list[tuple[str, str]]:
@@ -123,12 +133,11 @@ def _noise_of_motion(of: _Of, f: Finding, said: str) -> None:
 
 def _held_by(of: _Of, key: str, keys: list[str]) -> set[str]:
     """The components whose noise a key of the motion says."""
-    state = [str(name) for name in of.built.model.state]
-    if key in state:
+    if key in of.state:
         return {key}
     if key == "position":
-        return {state[i] for i in of.built.position}
-    return set(state) - set(keys)
+        return {of.state[i] for i in of.built.position}
+    return set(of.state) - set(keys)
 
 
 def _offset(of: _Of, f: Finding, said: str) -> None:
@@ -144,17 +153,16 @@ def _bias(of: _Of, f: Finding, said: str, kind: str, dimension: Dimension) -> No
     name = f"{f.where}_{kind}".replace(".", "_").replace(" ", "_")
     if name in of.says.bias or name in of.built.model.state:
         raise InputError(f"there is a bias {name} already")
-    unit = f" {dimension.symbol}" if dimension.symbol else ""
     acts: Any = [f.where]
     if kind != "drift":
         places = _components(of, f.where)
         acts = {s: [c for other, c in places if other == s] for s in dict.fromkeys(s for s, _ in places)}
-    table = {"mean": f"{f.value:.6g}{unit}", "std": f"{f.std:.2g}{unit}", kind: acts}
+    table = {"mean": _in_si(f.value, 6, dimension), "std": _in_si(f.std, 2, dimension), kind: acts}
     of.document.add(("bias", name), table, said)
 
 
 def _drift(of: _Of, f: Finding, said: str) -> None:
-    dimension = of.built.dimensions[[str(name) for name in of.built.model.state].index(f.where)]
+    dimension = of.built.dimensions[of.state.index(f.where)]
     _bias(of, f, said, "drift", dimension._replace(time=dimension.time - 1))
 
 
@@ -219,21 +227,19 @@ def _delay(of: _Of, f: Finding, said: str) -> None:
 
 def _prior(of: _Of, f: Finding, said: str) -> None:
     """Mean of one component, or all deviations."""
-    state = [str(name) for name in of.built.model.state]
     if f.factor:
-        names = [name for name in state if name in of.says.prior]
+        names = [name for name in of.state if name in of.says.prior]
         if not names:
             raise InputError("the prior comes from the measurements")
         for name in names:
             of.document.put(("prior", name, "std"), scaled(of.says.prior[name]["std"], np.sqrt(f.factor)), said)
         return
     if f.where not in of.says.prior:
-        taken = {FROM, ALL_FROM} & set(of.says.prior) and f.where in state
+        taken = {FROM, ALL_FROM} & set(of.says.prior) and f.where in of.state
         raise InputError("its mean comes from the first measurements" if taken else "it is not of one component")
-    given, dimension = of.says.prior[f.where], of.built.dimensions[state.index(f.where)]
+    given, dimension = of.says.prior[f.where], of.built.dimensions[of.state.index(f.where)]
     mean, std = (quantity(given[key], dimension, f"prior.{f.where}.{key}") for key in ("mean", "std"))
-    unit = f" {dimension.symbol}" if dimension.symbol else ""
-    of.document.put(("prior", f.where, "mean"), f"{mean + f.value * std:.6g}{unit}", said)
+    of.document.put(("prior", f.where, "mean"), _in_si(mean + f.value * std, 6, dimension), said)
 
 
 def _robust(of: _Of, f: Finding, said: str) -> None:
