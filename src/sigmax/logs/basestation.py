@@ -9,7 +9,6 @@ from sigmax.logs.read import Log
 
 # Where things stand: the kind of transmission, the address, the date and time of generation, what was sent.
 _KIND, _HEX, _DATE, _TIME, _CALL, _ALTITUDE, _SPEED, _TRACK, _LAT, _LON = 1, 4, 6, 7, 10, 11, 12, 13, 14, 15
-_FIELDS = 22
 
 
 def tables(path: Path) -> Log:
@@ -21,7 +20,7 @@ def tables(path: Path) -> Log:
     bad = 0
     with path.open(encoding="ascii", errors="replace", newline="") as file:
         for line in csv.reader(file):
-            if not line or line[0] != "MSG" or len(line) < _FIELDS - 6:
+            if not line or line[0] != "MSG" or len(line) <= _LON:
                 bad += bool(line and line[0] == "MSG")
                 continue
             who = f"{line[_DATE].replace('/', '-')}T{line[_TIME]}Z", line[_HEX].strip()
