@@ -21,8 +21,8 @@ _FEET_OF_A_LEVEL = 100.0
 def tables(path: Path) -> Log:
     """Tables `plots`, `reports` and `tracks` of the categories 048, 021 and 062; others are left out and named.
 
-    `time` counts seconds since midnight, as ASTERIX does, on over the next. Ranges are in nautical miles, angles in
-    degrees, lengths in m, speeds in m/s; `icao24` is in hexadecimal.
+    `time` is in seconds since midnight, as in ASTERIX, and goes on past the next midnight. Ranges are in nautical
+    miles, angles in degrees, lengths in m, speeds in m/s; `icao24` is in hexadecimal.
 
     Raises:
         InputError: where the blocks of the file do not follow one another.

@@ -21,9 +21,7 @@ from sigmax.records.table import Table, clock_period
 from sigmax.records.units import TIME, to_si
 
 _DAY = 86400.0
-
-
-# What names a table of a receiver, before those of what a device makes of it.
+# Names of tables that a receiver fills; they are preferred to those with what a device estimates from them.
 _RECEIVER = re.compile(r"gps|gnss|fix|navsat", re.IGNORECASE)
 
 
