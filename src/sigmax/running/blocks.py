@@ -41,22 +41,24 @@ def run_in_blocks(
     if isinstance(tracks, bool) or not isinstance(tracks, int | np.integer) or tracks < 1:
         raise InputError(f"tracks must be how many are filtered at a time, 1 or more; it is {tracks!r}")
     whole = {"z": z, **given}
-    sizes = {name: len(a) for name, a in _by_track(whole)}
+    by_track = dict(_by_track(whole))
+    sizes = {name: len(a) for name, a in by_track.items()}
     sizes |= {f"the prior's {what}": len(a) for what, a, core in _parts(prior) if np.ndim(a) > core}
     if len(set(sizes.values())) != 1:
         if not sizes:
             raise InputError("there is one track: give z as (B, T, m), or filter it by run")
         raise InputError(f"the batches differ in size: {sizes}")
     (count,) = set(sizes.values())
-    return _blocks(filter, model, prior, whole, [slice(k, min(k + tracks, count)) for k in range(0, count, tracks)])
+    blocks = [slice(k, min(k + tracks, count)) for k in range(0, count, tracks)]
+    return _blocks(filter, model, prior, whole, by_track, blocks)
 
 
 def _blocks(
-    filter: Any, model: Model, prior: Gaussian, whole: Any, blocks: list[slice]
+    filter: Any, model: Model, prior: Gaussian, whole: Any, by_track: Mapping[str, Any], blocks: list[slice]
 ) -> Iterator[tuple[slice, Result]]:
     for block in blocks:
         here = dict(whole)
-        for name, array in _by_track(whole):
+        for name, array in by_track.items():
             what, _, sensor = name.partition(" of ")
             here[what] = {**here[what], sensor: array[block]} if isinstance(here[what], Mapping) else array[block]
         mean, cov = (a[block] if np.ndim(a) > core else a for _, a, core in _parts(prior))
@@ -71,10 +73,10 @@ def _parts(prior: Gaussian) -> list[tuple[str, Any, int]]:
 
 def _by_track(whole: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """What is given for each track, a sensor's by its name behind that of the argument."""
-    measured = [a for _, a in _each("z", whole["z"])]
-    batched = {np.shape(a)[:2] for a in measured if np.ndim(a) == 3}
-    steps = {np.shape(a)[-2] for a in measured if np.ndim(a) > 1}
-    for name, array in _each("z", whole["z"]):
+    measured = _each("z", whole["z"])
+    batched = {np.shape(a)[:2] for _, a in measured if np.ndim(a) == 3}
+    steps = {np.shape(a)[-2] for _, a in measured if np.ndim(a) > 1}
+    for name, array in measured:
         if np.ndim(array) == 3:
             yield name, array
     for name, axes in _AXES.items():
