@@ -155,12 +155,7 @@ def steps(
         known = None if name is None else remembered(name)
         if known is None:
             program = make()
-            if isinstance(program, Loops):
-                known = program.source
-            elif program.operations > LARGEST:
-                raise Refused(f"a half-step of {program.operations:,} operations, more than {LARGEST:,}")
-            else:
-                known = _straight(program, vectors, lanes)
+            known = program.source if isinstance(program, Loops) else _straight(program, vectors, lanes)
             if name is not None:
                 remember(name, known)
         return known
@@ -172,6 +167,8 @@ def steps(
 
 
 def _straight(program: Program, vectors: Mapping[str, str], lanes: int) -> str:
+    if program.operations > LARGEST:
+        raise Refused(f"a half-step of {program.operations:,} operations, more than {LARGEST:,}")
     numbers = sum(table.size for table in program.graph.tables)
     if numbers > LARGEST_TABLES:
         raise Refused(f"a half-step with tables of {numbers:,} numbers, more than {LARGEST_TABLES:,}")
