@@ -58,7 +58,7 @@ def bending(filter: Filter, model: Model, prior: Gaussian) -> Iterator[str]:
         if not wanted > there:
             continue
         some = math.ceil(wanted) | 1
-        instead = f"take members={some}" if some <= _MOST else f"more than {_MOST} it cannot have: narrow the prior"
+        instead = f"take members={some}" if some <= _MOST else f"it cannot have more than {_MOST}: narrow the prior"
         yield (
             f"within the prior the sensor{f' {name}' * bool(name)} bends by {bend:.3g} deviations of its noise, for "
             f"which a bank wants about {some} members; {filter.name} has {there}, and its first estimates may be off "

@@ -89,8 +89,9 @@ def written(
         _hand_over(step, Buffer(name), nodes, held)
     step.close_all()
     size = max(step.lines.memory.size, 1)
-    if max(size, first.lines.memory.size) > _LARGEST:
-        raise Refused(f"a half-step that works on {size:,} numbers at a time, more than {_LARGEST:,}")
+    largest = max(size, first.lines.memory.size)
+    if largest > _LARGEST:
+        raise Refused(f"a half-step that works on {largest:,} numbers at a time, more than {_LARGEST:,}")
     arguments = ", ".join([*(f"const V *{g}" for g in groups), *(f"V *{g}" for g in results)])
     return Loops(
         "\n".join(
