@@ -77,27 +77,24 @@ def _dot_general(w: Writer, equation: Any, values: Sequence[Value]) -> list[Valu
     fb = [d for d in range(len(b.shape)) if d not in (*cb, *bb)]
     a, b = _turned(a, (*ba, *fa, *ca)), _turned(b, (*bb, *fb, *cb))
     batch, rows, columns, summed = len(ba), len(fa), len(fb), len(ca)
+    shape = tuple(aval.shape)
     if not ca:
-        return [_without_sum(w, a, b, batch, rows, columns, tuple(aval.shape))]
+        return [_without_sum(w, a, b, batch, rows, columns, shape)]
     terms = tuple(a.shape[-summed:])
     if 0 in terms:
         return None
-    if not ba and (isinstance(a, np.ndarray) or isinstance(b, np.ndarray)):
-        r, s, k = math.prod(a.shape[:rows]), math.prod(b.shape[:columns]), math.prod(terms)
-        a, b = _reshaped(a, (r, k)), _reshaped(b, (s, k))
-        out = w.lines.new((r, s))
-        if isinstance(a, np.ndarray):
-            _sparse(w, a, b, out)
-        else:
-            _sparse(w, b, a, out.moved(np.transpose))
-        return [out.moved(lambda at: at.reshape(aval.shape))]
-    out = w.lines.new(tuple(aval.shape))
     if not ba:
         r, s, k = math.prod(a.shape[:rows]), math.prod(b.shape[:columns]), math.prod(terms)
-        matrix_product(w, _reshaped(a, (r, k)), _turned(_reshaped(b, (s, k)), (1, 0)), out)
-        return [out]
+        a, b, out = _reshaped(a, (r, k)), _reshaped(b, (s, k)), w.lines.new((r, s))
+        if isinstance(a, np.ndarray):
+            _sparse(w, a, b, out)
+        elif isinstance(b, np.ndarray):
+            _sparse(w, b, a, out.moved(np.transpose))
+        else:
+            matrix_product(w, a, _turned(b, (1, 0)), out)
+        return [out.moved(lambda at: at.reshape(shape))]
+    out = w.lines.new(shape)
     a, b = (w.lying(v) if isinstance(v, np.ndarray) else v for v in (a, b))
-    shape = tuple(aval.shape)
     a = a.moved(lambda at: at.reshape(*at.shape[: batch + rows], *(1,) * columns, *terms))
     b = b.moved(lambda at: at.reshape(*at.shape[:batch], *(1,) * rows, *at.shape[batch:]))
     outer, inner = [f"i{d}" for d in range(len(shape))], [f"j{d}" for d in range(summed)]
