@@ -8,6 +8,7 @@ import numpy as np
 
 from sigmax.native.elementwise import REDUCED_TRUTH, REDUCTIONS
 from sigmax.native.emit import literal
+from sigmax.native.loops.text import over
 from sigmax.native.loops.views import View, walk
 from sigmax.native.loops.writer import Value, Writer, writes
 from sigmax.native.operations import OPERATIONS
@@ -33,7 +34,7 @@ def _reduction(w: Writer, equation: Any, values: Sequence[Value]) -> list[Value]
     outer = [f"i{k}" for k in range(len(kept))]
     inner = [f"j{k}" for k in range(len(axes))]
     element = w.lines.element(view.buffer, steps, [*outer, *inner])
-    loops = " ".join(f"for (long {j} = 0; {j} < {view.shape[d]}; {j}++)" for j, d in zip(inner, axes, strict=True))
+    loops = over(inner, [view.shape[d] for d in axes])
     if truth:
         first = "ALL" if start else "(ALL ^ ALL)"
         term, kind, last = f"v_truth({element})", "M", "v_number(s)"
@@ -99,9 +100,8 @@ def _dot_general(w: Writer, equation: Any, values: Sequence[Value]) -> list[Valu
     b = b.moved(lambda at: at.reshape(*at.shape[:batch], *(1,) * rows, *at.shape[batch:]))
     outer, inner = [f"i{d}" for d in range(len(shape))], [f"j{d}" for d in range(summed)]
     texts = [w.lines.element(v.buffer, walk(v.spread((*shape, *terms)).at), [*outer, *inner]) for v in (a, b)]
-    loops = " ".join(f"for (long {j} = 0; {j} < {n}; {j}++)" for j, n in zip(inner, terms, strict=True))
     to = w.lines.element(out.buffer, walk(out.at), outer)
-    w.lines.nest(shape, ["V s = K(0);", f"{loops} s += {texts[0]} * {texts[1]};", f"{to} = s;"], w.label)
+    w.lines.nest(shape, ["V s = K(0);", f"{over(inner, terms)} s += {texts[0]} * {texts[1]};", f"{to} = s;"], w.label)
     return [out]
 
 

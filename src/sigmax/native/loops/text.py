@@ -94,8 +94,7 @@ class Lines:
 
     def nest(self, sizes: Sequence[int], body: Iterable[str], label: str = "") -> None:
         """Lines in loops over i0, i1 and so on."""
-        heads = [f"for (long i{d} = 0; i{d} < {n}; i{d}++)" for d, n in enumerate(sizes)]
-        self.say(" ".join([*heads, "{"]), label)
+        self.say(f"{over([f'i{d}' for d in range(len(sizes))], sizes)} {{".lstrip(), label)
         self.lines += [f"        {line}" for line in body]
         self.lines.append("    }")
 
@@ -119,6 +118,11 @@ class Lines:
     def pointer(self, view: View) -> str:
         """Where an array begins that lies row by row."""
         return f"{view.buffer.name} + {view.buffer.offset + (int(view.at.flat[0]) if view.at.size else 0)}"
+
+
+def over(indices: Sequence[str], sizes: Sequence[int]) -> str:
+    """The heads of loops, one in the other."""
+    return " ".join(f"for (long {i} = 0; {i} < {n}; {i}++)" for i, n in zip(indices, sizes, strict=True))
 
 
 def lies_row_by_row(view: View) -> bool:
