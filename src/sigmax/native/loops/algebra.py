@@ -10,9 +10,13 @@ from sigmax.native.loops.views import View
 from sigmax.native.loops.writer import Value, Writer, writes
 
 
-def _triangle(w: Writer, n: int) -> View:
-    """A new (n, n) with zeros above the diagonal."""
-    return w.lines.new((n, n))._replace(zero=np.triu(np.ones((n, n), bool), 1))
+def _triangle(square: View) -> View:
+    """A matrix that is 0 above the diagonal."""
+    return square._replace(zero=np.triu(np.ones(square.shape, bool), 1))
+
+
+def _new_triangle(w: Writer, n: int) -> View:
+    return _triangle(w.lines.new((n, n)))
 
 
 def _call(w: Writer, name: str, *arguments: Any, to: View | None = None) -> None:
@@ -54,7 +58,7 @@ def _absorb(w: Writer, equation: Any, values: Sequence[Value]) -> list[Value]:
     w.put(A, X.moved(lambda at: at[:m]))
     w.put(B, X.moved(lambda at: at[m:]))
     X, L = w.settled(X), w.lying(L)
-    factor, cross = _triangle(w, m), w.lines.new((n, m))
+    factor, cross = _new_triangle(w, m), w.lines.new((n, m))
     _call(w, "absorb", m, n, k, L, m if len(L.shape) == 2 else 0, X, factor, cross, w.lines.new((2 * m,)))
     return [factor, cross, X.moved(lambda at: at[m:])]
 
@@ -62,7 +66,7 @@ def _absorb(w: Writer, equation: Any, values: Sequence[Value]) -> list[Value]:
 @writes("sigmax_tria")
 def _tria(w: Writer, equation: Any, values: Sequence[Value]) -> list[Value]:
     X = w.lying(values[0], fresh=True)
-    factor = _triangle(w, X.shape[0])
+    factor = _new_triangle(w, X.shape[0])
     _call(w, "tria", *X.shape, X, factor, w.lines.new((2 * X.shape[0],)))
     return [factor]
 
@@ -71,7 +75,7 @@ def _tria(w: Writer, equation: Any, values: Sequence[Value]) -> list[Value]:
 def _cholesky(w: Writer, equation: Any, values: Sequence[Value]) -> list[Value]:
     P = w.lying(values[0])
     n, epsilon = P.shape[0], float(np.finfo(equation.invars[0].aval.dtype).eps)
-    factor, sound = _triangle(w, n), w.lines.new((), truth=True)
+    factor, sound = _new_triangle(w, n), w.lines.new((), truth=True)
     _call(w, "cholesky", n, repr(8 * n * epsilon), P, factor, to=sound)
     return [factor, sound]
 
@@ -87,8 +91,7 @@ def _release(w: Writer, equation: Any, values: Sequence[Value]) -> list[Value]:
     w.put(np.zeros((p, q)), X.moved(lambda at: at[n:]))
     whole, X, sound = w.settled(whole), w.settled(X), w.lines.new((), truth=True)
     _call(w, "release", n, p, q, whole, X, to=sound)
-    factor = whole.moved(lambda at: at[:n])._replace(zero=np.triu(np.ones((n, n), bool), 1))
-    return [factor, whole.moved(lambda at: at[n:]), X.moved(lambda at: at[n:]), sound]
+    return [_triangle(whole.moved(lambda at: at[:n])), whole.moved(lambda at: at[n:]), X.moved(lambda at: at[n:]), sound]
 
 
 @writes("sigmax_solve_lower")
@@ -102,6 +105,6 @@ def _solve_lower(w: Writer, equation: Any, values: Sequence[Value]) -> list[Valu
 @writes("sigmax_inverse_lower")
 def _inverse_lower(w: Writer, equation: Any, values: Sequence[Value]) -> list[Value]:
     L = w.lying(values[0])
-    out = _triangle(w, L.shape[0])
+    out = _new_triangle(w, L.shape[0])
     _call(w, "inverse_lower", L.shape[0], L, out)
     return [out]

@@ -42,12 +42,12 @@ def _island(w: Writer, equation: Any, values: Sequence[Value]) -> list[Value]:
 
 def _symbols(g: Graph, name: str, view: View) -> Array:
     nodes = g.inputs(name, view.shape)
-    for node in nodes.flat if view.bounds is not None else ():
-        assert view.bounds is not None
-        bounded(g, node, view.bounds[0], view.bounds[1] + 1)
-    if view.zero is not None:
-        nodes = boxed(np.where(view.zero, boxed(g.constant(0.0)), nodes))
+    if view.bounds is not None:
+        for node in nodes.flat:
+            bounded(g, node, view.bounds[0], view.bounds[1] + 1)
     zero = g.constant(0.0)
+    if view.zero is not None:
+        nodes = boxed(np.where(view.zero, boxed(zero), nodes))
     return boxed(np.frompyfunc(lambda x: g.apply("!=", x, zero), 1, 1)(nodes)) if view.truth else nodes
 
 

@@ -165,11 +165,10 @@ class Writer:
         value = self.settled(value)
         if isinstance(value, View) and not fresh and lies_row_by_row(value):
             return value
-        truth = value.dtype == bool if isinstance(value, np.ndarray) else value.truth
-        to = self.lines.new(value.shape, truth)._replace(
-            zero=None if isinstance(value, np.ndarray) else value.zero,
-            bounds=None if isinstance(value, np.ndarray) else value.bounds,
-        )
+        if isinstance(value, np.ndarray):
+            to = self.lines.new(value.shape, value.dtype == bool)
+        else:
+            to = self.lines.new(value.shape, value.truth, value.bounds)._replace(zero=value.zero)
         self.put(value, to)
         return self.settled(to)
 
