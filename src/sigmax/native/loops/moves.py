@@ -9,7 +9,7 @@ import numpy as np
 from sigmax.native.interpret import RULES
 from sigmax.native.loops.groups import Element
 from sigmax.native.loops.views import View
-from sigmax.native.loops.writer import Value, Writer, writes
+from sigmax.native.loops.writer import Value, Writer, moved, writes
 
 
 @writes("concatenate", "stack")
@@ -33,9 +33,7 @@ def _concatenate(w: Writer, equation: Any, values: Sequence[Value]) -> list[Valu
 
 def _new_axis(w: Writer, value: Value, axis: int) -> Value:
     value = w.settled(value) if isinstance(value, Element) else value
-    return (
-        np.expand_dims(value, axis) if isinstance(value, np.ndarray) else value.moved(lambda a: np.expand_dims(a, axis))
-    )
+    return moved(value, lambda a: np.expand_dims(a, axis))
 
 
 def _neighbours(values: Sequence[Value], axis: int) -> list[Value]:
@@ -188,8 +186,7 @@ def _scatter(w: Writer, equation: Any, values: Sequence[Value]) -> list[Value] |
 
 
 def _picked(w: Writer, value: Value, places: np.ndarray) -> Value:
-    value = w.settled(value)
-    return value.ravel()[places] if isinstance(value, np.ndarray) else value.moved(lambda a: a.ravel()[places])
+    return moved(w.settled(value), lambda a: a.ravel()[places])
 
 
 def _targets(equation: Any, shape: tuple[int, ...], indices: np.ndarray, updates: tuple[int, ...]) -> np.ndarray | None:

@@ -10,7 +10,7 @@ from sigmax.native.elementwise import REDUCED_TRUTH, REDUCTIONS
 from sigmax.native.emit import literal
 from sigmax.native.loops.text import over
 from sigmax.native.loops.views import View, walk
-from sigmax.native.loops.writer import Value, Writer, writes
+from sigmax.native.loops.writer import Value, Writer, moved, writes
 from sigmax.native.operations import OPERATIONS
 
 
@@ -106,11 +106,11 @@ def _dot_general(w: Writer, equation: Any, values: Sequence[Value]) -> list[Valu
 
 
 def _turned(value: Value, axes: Sequence[int]) -> Value:
-    return value.transpose(axes) if isinstance(value, np.ndarray) else value.moved(lambda at: at.transpose(axes))
+    return moved(value, lambda a: a.transpose(axes))
 
 
 def _reshaped(value: Value, shape: tuple[int, ...]) -> Value:
-    return value.reshape(shape) if isinstance(value, np.ndarray) else value.moved(lambda at: at.reshape(shape))
+    return moved(value, lambda a: a.reshape(shape))
 
 
 def _without_sum(w: Writer, a: Value, b: Value, batch: int, rows: int, columns: int, shape: tuple[int, ...]) -> Value:

@@ -94,7 +94,7 @@ class Lines:
 
     def nest(self, sizes: Sequence[int], body: Iterable[str], label: str = "") -> None:
         """Lines in loops over i0, i1 and so on."""
-        self.say(f"{over([f'i{d}' for d in range(len(sizes))], sizes)} {{".lstrip(), label)
+        self.say(over([f"i{d}" for d in range(len(sizes))], sizes) + " {", label)
         self.lines += [f"        {line}" for line in body]
         self.lines.append("    }")
 

@@ -173,6 +173,11 @@ class Writer:
         return self.settled(to)
 
 
+def moved(value: Value, move: Callable[[np.ndarray], np.ndarray]) -> Value:
+    """Known numbers, or those of a view, in other places of an array."""
+    return move(value) if isinstance(value, np.ndarray) else value.moved(move)
+
+
 def _fits(shape: Sequence[int], whole: Sequence[int]) -> bool:
     return not shape or (len(shape) == len(whole) and all(a in (1, b) for a, b in zip(shape, whole, strict=True)))
 
@@ -180,4 +185,4 @@ def _fits(shape: Sequence[int], whole: Sequence[int]) -> bool:
 def _spread(value: Value, shape: tuple[int, ...]) -> Value:
     if isinstance(value, Element) or value.shape == shape:
         return value
-    return np.broadcast_to(value, shape) if isinstance(value, np.ndarray) else value.spread(shape)
+    return moved(value, lambda a: np.broadcast_to(a, shape))
