@@ -91,7 +91,8 @@ def _release(w: Writer, equation: Any, values: Sequence[Value]) -> list[Value]:
     w.put(np.zeros((p, q)), X.moved(lambda at: at[n:]))
     whole, X, sound = w.settled(whole), w.settled(X), w.lines.new((), truth=True)
     _call(w, "release", n, p, q, whole, X, to=sound)
-    return [_triangle(whole.moved(lambda at: at[:n])), whole.moved(lambda at: at[n:]), X.moved(lambda at: at[n:]), sound]
+    factor, cross = _triangle(whole.moved(lambda at: at[:n])), whole.moved(lambda at: at[n:])
+    return [factor, cross, X.moved(lambda at: at[n:]), sound]
 
 
 @writes("sigmax_solve_lower")
