@@ -153,9 +153,9 @@ def correct(
     _, seen = there(model.measured_space(sensor, z.shape[0]), z)
     count = seen.sum(0)
     with jax.named_scope("the noise of the sensor"):
-        Lr, noise_sound = sensor_noise(model, R, x, u, seen)
-        if model.noise_inside(sensor) is not None:
-            # It comes with the line.
+        if model.noise_inside(sensor) is None:
+            Lr, noise_sound = sensor_noise(model, R, x, u, seen)
+        else:  # it comes with the line
             Lr, noise_sound = Diagonal(jnp.where(seen, 0, jnp.ones_like(z))), jnp.ones(x.shape[1:], bool)
     observe = observing(filter, model, sensor, Lr, x, S, z, u)
     with jax.named_scope("the sensor, linearised"):
