@@ -158,15 +158,14 @@ def test_the_algebra_is_what_numpy_computes(n, k):
 
 def both(monkeypatch, compute):
     """What is computed by loops, and by straight lines."""
-    made = []
-    for longest in (0, np.inf):
-        monkeypatch.setattr(traced, "LONGEST", longest)
-        if longest == 0:
-            monkeypatch.setattr(traced.Traced, "straight", None)
-        else:
-            monkeypatch.undo()
-        made.append(compute())
-    return made
+    with monkeypatch.context() as patch:
+        patch.setattr(traced, "LONGEST", 0)
+        patch.setattr(traced.Traced, "straight", None)
+        looped = compute()
+    with monkeypatch.context() as patch:
+        patch.setattr(traced, "LONGEST", np.inf)
+        patch.setattr(traced.Traced, "loops", None)
+        return looped, compute()
 
 
 def apart(a, b):
