@@ -18,6 +18,11 @@ from scenario import STEPS, record
 from sigmax.running import run_in_blocks
 
 
+def peak_memory() -> int:
+    """The most memory that this process has had, in bytes."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
 def main(
     tracks: Annotated[int, typer.Option(help="How many.")] = 1_000_000,
     block: Annotated[int, typer.Option(help="Filtered at a time.")] = 4096,
@@ -33,14 +38,13 @@ def main(
         z.flush()
         del z
         z = np.load(path, mmap_mode="r")
-        start, used, before = time.perf_counter(), time.process_time(), resource.getrusage(resource.RUSAGE_SELF)
+        start, used, of_file = time.perf_counter(), time.process_time(), peak_memory()
         nis = largest = 0.0
         for _, result in run_in_blocks(filter, turning.model, turning.prior, z, dt=1.0, tracks=block):
             nis += float(result.nis.sum())
             largest = max(largest, float(result.cov[:, -1, 0, 0].max()))
         wall, used = time.perf_counter() - start, time.process_time() - used
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-        of_file = before.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+        peak = peak_memory()
     count = tracks * STEPS
     print(f"{tracks:,} tracks of {STEPS} steps, {filter}, all parts, {block:,} at a time: NIS {nis / count:.3f}")
     print(f"{wall:.0f} s, {used / count * 1e9:.0f} ns of processor a track and step")
