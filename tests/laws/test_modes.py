@@ -469,6 +469,14 @@ def test_results_of_other_modes_are_refused():
     assert np.array_equal(pickle.loads(pickle.dumps(model.initial)), model.initial)
 
 
+def test_it_has_whatever_a_model_has():
+    """Anything that takes a Model may ask for what every Model has, before it finds that this one has modes."""
+    model = sigmax.imm({"calm": CALM, "wild": WILD}, transition=MATRIX)
+    again = jax.tree.unflatten(jax.tree.structure(model), jax.tree.leaves(model))
+    for one in (model, again, model.with_models(model.models)):
+        assert not set(vars(CALM)) - set(vars(one))
+
+
 @pytest.mark.parametrize(
     "use",
     [
