@@ -55,10 +55,10 @@ class Rounds:
         flaws, whole = self._values()
         theta, ended, accepted = np.zeros(len(self.setup.steps)), set[tuple[str, str]](), list[Accepted]()
         start = whole
+        (record,), out = masked(self.setup, [Variant(theta, whole)])
         for i in range(_ROUNDS):
             self.say(f"round {i + 1} of at most {_ROUNDS}: {self.tested} hypotheses")
             some = [a for a in self.some if (a.kind, a.where) not in ended]
-            (record,), out = masked(self.setup, [Variant(theta, whole)])
             as_it_stands = float(log_likelihood(out)[0])
             if not _NEAR < _nis_per_value(out, record) < 1 / _NEAR:
                 some += with_starts(self.setup.runner.family, some)
@@ -77,10 +77,9 @@ class Rounds:
             ended.add((best.kind, best.where))
             theta = theta if best.theta is None else theta + best.theta
             whole = whole if best.alternative is None else best.alternative.change(whole)
-            (after_record,), after = masked(self.setup, [Variant(theta, whole)])
-            nis = before, _nis_per_value(after, after_record)
+            (record,), out = masked(self.setup, [Variant(theta, whole)])
+            nis = before, _nis_per_value(out, record)
             accepted.append(Accepted(best, self._finding(best, others, nis, bool(accepted or flaws))))
-        (record,), out = masked(self.setup, [Variant(theta, whole)])
         if not np.isfinite(log_likelihood(out)[0]):
             return (
                 (),
