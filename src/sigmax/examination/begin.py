@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.algebra.arrays import wrapped
 from sigmax.examination.envelope import Envelope
 from sigmax.examination.variants import RecordData
 
@@ -34,7 +35,7 @@ def begun(family: Envelope, sensor: str, record: RecordData) -> RecordData:
 
     def miss(y: np.ndarray) -> np.ndarray:
         off = np.asarray(seen(jnp.asarray(record.mean + spread * y), *u)) - z[k]
-        off = np.where(turns, (off + np.pi) % (2 * np.pi) - np.pi, off / size)
+        off = np.where(turns, wrapped(off, turns), off / size)
         return np.concatenate([off, 1e-7 * y])
 
     with np.errstate(all="ignore"):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sigmax.algebra.arrays import wrapped
 from sigmax.examination.variants import Innovations, cut
 
 
@@ -23,9 +24,7 @@ def scores(
         e = np.einsum("tij,tj->ti", inverse, nu[0])
         nis, c = (e * e).sum(1), cut(outcome.seen[s].sum(-1))
         w = np.where(nis > c, np.sqrt(c / np.maximum(nis, 1e-300)), 1.0)
-        change = nu[1:] - nu[:1]
-        turns = np.asarray(angular[s])
-        change = np.where(turns, (change + np.pi) % (2 * np.pi) - np.pi, change) / steps[:, None, None]
+        change = wrapped(nu[1:] - nu[:1], angular[s]) / steps[:, None, None]
         spread = (S[1:] - S[:1]) / steps[:, None, None, None]
         one = S.shape[-1] == 1
         D = change * inverse[:, 0] if one else np.einsum("tij,qtj->qti", inverse, change)
