@@ -10,9 +10,11 @@ import pytest
 
 import sigmax
 from sigmax.cli.app import app
-from sigmax.examination.alternatives import FACTORS
+from sigmax.examination.alternatives import FACTORS, alternatives
+from sigmax.examination.envelope import Parameter, envelope
 from sigmax.examination.search import Candidate
 from sigmax.examination.values import copies, flaw
+from sigmax.examination.variants import RecordData
 from sigmax.examination.words import in_words
 from tests.own_records import RADAR
 
@@ -176,6 +178,20 @@ def test_times_and_axes_have_their_size():
     found = sigmax.doctor(model, prior, z | {"other": z["other"] @ turn}, inputs=u).findings[0]
     assert found.kind == "rotation"
     assert abs(abs(found.value) - 0.05) < 3 * found.std < 0.02
+
+
+def test_other_readings_of_inputs_have_the_names_of_the_inputs():
+    drive = sigmax.motions.unicycle()
+    model = sigmax.Model(
+        motion=drive, Q=drive.noise(position=0.05, heading=0.01), sensor=sigmax.sensors.position(), R=[0.25, 0.25]
+    )
+    axes = Parameter("input rotation", "speed, turn_rate", (0, 1))
+    family = envelope(model, (axes,), 2, 2, (("", 2),))
+    none = np.zeros((5, 2))
+    record = RecordData({"": none}, np.ones(5), none, np.zeros(3), np.eye(3), none[0], none > 0, none[0], np.ones(5))
+    found = {(a.kind, a.where) for a in alternatives(family, record, timed=False)}
+    assert {("sign", "speed"), ("degrees", "turn_rate"), ("units", "speed"), ("swap", "speed, turn_rate")} <= found
+    assert not [where for _, where in found if "input" in where]
 
 
 @pytest.mark.parametrize("share", [0.05, 0.15])

@@ -166,7 +166,7 @@ def _of_angle(s: str, j: int, name: str, count: int) -> Iterator[Alternative]:
 
 
 def _of_inputs(family: Envelope) -> Iterator[Alternative]:
-    for i, name in enumerate(input_names(family.model, family.driven)):
+    for i, name in enumerate(input_names(family.plain, family.driven)):
         changes = (
             ("degrees", np.pi / 180, f"{name} is in degrees; the model has radians", f"multiply {name} by π/180"),
             ("sign", -1.0, f"{name} has the wrong sign", f"take −{name}"),
