@@ -117,37 +117,24 @@ def _of_sensor(family: Envelope, record: RecordData, s: str, m: int) -> Iterator
             yield from _of_angle(s, j, name, count)
         else:
             for c, said in FACTORS.items():
-                yield Alternative(
-                    "units",
-                    name,
-                    f"{name} is {said}",
-                    f"multiply {name} by {c:.4g}",
-                    _affine(s, j, c, 0.0),
-                    count * np.log(c),
-                    c,
-                )
+                yield _multiplied("units", s, j, name, c, said, f"{c:.4g}", count)
         yield Alternative("sign", name, f"{name} has the wrong sign", f"take −{name}", _affine(s, j, -1.0, 0.0))
     for i, j in combinations(range(m), 2):
-        yield Alternative(
-            "swap",
-            f"{names[i]}, {names[j]}",
-            f"{names[i]} and {names[j]} stand in each other's place",
-            "exchange them",
-            _swapped(s, i, j),
-        )
+        yield _exchanged(names[i], names[j], _swapped(s, i, j))
+
+
+def _multiplied(kind: str, s: str, j: int, name: str, c: float, said: str, by: str, count: int) -> Alternative:
+    """So many values of a component of a sensor in another unit, which c, in words `by`, brings to the model's."""
+    mend = f"multiply {name} by {by}"
+    return Alternative(kind, name, f"{name} is {said}", mend, _affine(s, j, c, 0.0), count * np.log(c), c)
+
+
+def _exchanged(a: str, b: str, change: Callable[[RecordData], RecordData]) -> Alternative:
+    return Alternative("swap", f"{a}, {b}", f"{a} and {b} stand in each other's place", "exchange them", change)
 
 
 def _of_angle(s: str, j: int, name: str, count: int) -> Iterator[Alternative]:
-    deg = np.pi / 180
-    yield Alternative(
-        "degrees",
-        name,
-        f"{name} is in degrees; the model has radians",
-        f"multiply {name} by π/180",
-        _affine(s, j, deg, 0.0),
-        count * np.log(deg),
-        deg,
-    )
+    yield _multiplied("degrees", s, j, name, np.pi / 180, "in degrees; the model has radians", "π/180", count)
     for turn, said in ((np.pi, "180°"), (np.pi / 2, "−90°"), (-np.pi / 2, "90°")):
         yield Alternative(
             "turned",
@@ -166,7 +153,8 @@ def _of_angle(s: str, j: int, name: str, count: int) -> Iterator[Alternative]:
 
 
 def _of_inputs(family: Envelope) -> Iterator[Alternative]:
-    for i, name in enumerate(input_names(family.plain, family.driven)):
+    names = input_names(family.plain, family.driven)
+    for i, name in enumerate(names):
         changes = (
             ("degrees", np.pi / 180, f"{name} is in degrees; the model has radians", f"multiply {name} by π/180"),
             ("sign", -1.0, f"{name} has the wrong sign", f"take −{name}"),
@@ -177,18 +165,8 @@ def _of_inputs(family: Envelope) -> Iterator[Alternative]:
             yield Alternative(kind, name, cause, mend, _input(i, c), factor=0.0 if kind == "sign" else c)
     for p in family.parameters:
         if p.kind == "input rotation":
-            yield _exchanged(p.where, p.at)
-
-
-def _exchanged(where: str, at: tuple[int, ...]) -> Alternative:
-    def change(r: RecordData) -> RecordData:
-        u = r.u.copy()
-        u[:, list(at)] = u[:, list(reversed(at))]
-        return replace(r, u=u)
-
-    return Alternative(
-        "swap", where, f"{' and '.join(where.split(', '))} stand in each other's place", "exchange them", change
-    )
+            i, j = p.at
+            yield _exchanged(names[i], names[j], _swapped_inputs(i, j))
 
 
 def _affine(s: str, j: int, c: float, offset: float) -> Callable[[RecordData], RecordData]:
@@ -197,6 +175,15 @@ def _affine(s: str, j: int, c: float, offset: float) -> Callable[[RecordData], R
 
 def _swapped(s: str, i: int, j: int) -> Callable[[RecordData], RecordData]:
     return lambda r: r.with_values(s, i, r.z[s][:, j]).with_values(s, j, r.z[s][:, i])
+
+
+def _swapped_inputs(i: int, j: int) -> Callable[[RecordData], RecordData]:
+    def change(r: RecordData) -> RecordData:
+        u = r.u.copy()
+        u[:, [i, j]] = u[:, [j, i]]
+        return replace(r, u=u)
+
+    return change
 
 
 def _input(i: int, c: float) -> Callable[[RecordData], RecordData]:
