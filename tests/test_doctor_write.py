@@ -11,6 +11,7 @@ from sigmax.examination import Finding
 from sigmax.records import load
 from sigmax.records.correct import correct
 from tests.own_records import RADAR, radar_table, write_csv
+from tests.records.test_own import write_rover
 
 MARK = "# the old radar"
 TEXT = RADAR.replace('[sensors.radar]', f"[sensors.radar]  {MARK}").replace(
@@ -92,6 +93,13 @@ def test_a_second_reason_stands_behind_the_first(tmp_path):
     text = TEXT.replace('azimuth = "0.2 deg" }', 'azimuth = "0.2 deg" } # data sheet')
     correction, _, _ = written(tmp_path, replace(PLAIN, value=1.0), text)
     assert "# data sheet; because, so much" in correction.text
+
+
+def test_the_unit_of_an_input_of_one_of_several_motions_is_written(tmp_path):
+    path = write_rover(tmp_path)
+    correction = correct(path, [replace(PLAIN, kind="degrees", where="turn_rate", factor=180 / np.pi)])
+    assert correction.changed == ("because, so much",)
+    assert 'unit = "rad/s"' in correction.text
 
 
 REFUSED = {

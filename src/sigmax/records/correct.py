@@ -185,6 +185,8 @@ def _unit(of: _Of, f: Finding, said: str) -> None:
             int(part) if part.isdigit() else part for part in item.where.replace("[", ".").replace("]", "").split(".")
         )
         if f.where == item.name:
+            if at[0] == "motion" and len(of.says.motion) > 1:  # `where` does not say of which part
+                at = ("motion", next(i for i, part in enumerate(of.says.motion) if at[-1] in part.inputs), *at[-2:])
             _column(of, at, item.column.unit, item.dimension, f.factor, said)
             return
     for sensor, component in _components(of, f.where):
