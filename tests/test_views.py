@@ -18,7 +18,8 @@ import sigmax
 from sigmax.models import part
 from sigmax.models.components import components
 from sigmax.models.units import units_of
-from sigmax.running import Fit, Result, Smoothed
+from sigmax.fitting import Fit
+from sigmax.running import Result, Smoothed
 from sigmax.running.layout import Layout
 from sigmax.spaces import SPACES
 from sigmax.studies import Comparison

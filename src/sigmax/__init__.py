@@ -22,6 +22,7 @@ _HOME = {
     "sigmax.errors": ("InputError",),
     "sigmax.examination": ("doctor",),
     "sigmax.export": ("export_c",),
+    "sigmax.fitting": ("fit",),
     "sigmax.filters": ("Filter", "bank", "catalogue", "get", "iterated", "names", "once", "robust"),
     "sigmax.models": (
         "Bias",
@@ -42,7 +43,7 @@ _HOME = {
         "sensors",
     ),
     "sigmax.models.builtin": ("builtin",),
-    "sigmax.running": ("Live", "Result", "constrained", "fit", "run", "smooth", "start"),
+    "sigmax.running": ("Live", "Result", "constrained", "run", "smooth", "start"),
     "sigmax.studies": ("compare",),
     "sigmax.running.explain": ("explain",),
 }
@@ -53,7 +54,8 @@ _MOVED = {
     **dict.fromkeys(("Marginal", "SigmaPoints", "SigmaSet", "Taylor1", "Taylor2", "sigma_set"), "sigmax.rules"),
     **dict.fromkeys(("Form",), "sigmax.forms"),
     **dict.fromkeys(("Elevation", "Motion", "Sensor", "fused", "opaque", "part", "with_derivatives"), "sigmax.models"),
-    **dict.fromkeys(("Contribution", "Fault", "Fit", "Smoothed", "absorb", "contribution"), "sigmax.running"),
+    **dict.fromkeys(("Contribution", "Fault", "Smoothed", "absorb", "contribution"), "sigmax.running"),
+    **dict.fromkeys(("Fit",), "sigmax.fitting"),
     **dict.fromkeys(("Comparison", "Study", "load_studies", "undisturbed"), "sigmax.studies"),
     **dict.fromkeys(("wrap",), "sigmax.spaces"),
 }
@@ -66,6 +68,7 @@ if TYPE_CHECKING:
     from sigmax.examination import doctor
     from sigmax.export import export_c
     from sigmax.filters import Filter, bank, catalogue, get, iterated, names, once, robust
+    from sigmax.fitting import fit
     from sigmax.models import (
         Bias,
         Gaussian,
@@ -85,7 +88,7 @@ if TYPE_CHECKING:
         sensors,
     )
     from sigmax.models.builtin import builtin
-    from sigmax.running import Live, Result, constrained, fit, run, smooth, start
+    from sigmax.running import Live, Result, constrained, run, smooth, start
     from sigmax.running.explain import explain
     from sigmax.studies import compare
 

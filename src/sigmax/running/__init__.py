@@ -4,7 +4,6 @@ from sigmax.running.blocks import run_in_blocks
 from sigmax.running.constrained import constrained
 from sigmax.running.contributions import absorb, contribution
 from sigmax.running.filter_fit import FilterFit, fit_filter
-from sigmax.running.fit import Fit, fit
 from sigmax.running.live import Live
 from sigmax.running.message import Contribution
 from sigmax.running.result import Result
@@ -20,14 +19,12 @@ __all__ = [
     "Contribution",
     "Fault",
     "FilterFit",
-    "Fit",
     "Live",
     "Result",
     "Smoothed",
     "absorb",
     "constrained",
     "contribution",
-    "fit",
     "fit_filter",
     "fit_tails",
     "run",

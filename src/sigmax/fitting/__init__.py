@@ -1,0 +1,6 @@
+"""Numbers of models, of their noises and priors, by the likelihood of records."""
+
+from sigmax.fitting.fit import fit
+from sigmax.fitting.found import Along, Fit, HeldOut
+
+__all__ = ["Along", "Fit", "HeldOut", "fit"]

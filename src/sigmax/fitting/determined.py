@@ -1,0 +1,123 @@
+"""What a record does not tell of its parameters: numbers that it says nothing of, and such as only their mixture."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sigmax.fitting.search import Search
+from sigmax.fitting.summit import Many, Summit
+
+# What a log-likelihood has to lose before a number counts as told, and where its 95 % interval ends.
+_TOLD, _BOUND = 0.5, 1.92
+# How far logarithms are looked at: a factor of 20; and a mixture, in deviations of its numbers by themselves.
+_WIDE, _MIXED = 3.0, 30.0
+# Logits beyond this are at a bound.
+_AT_BOUND = 5.5
+
+
+class Untold(NamedTuple):
+    """Numbers that are not determined.
+
+    Attributes:
+        which: of the p numbers.
+        said: why, in words.
+    """
+
+    which: tuple[int, ...]
+    said: str
+
+
+def untold(f: Many, summit: Summit, search: Search, names: Sequence[str]) -> tuple[Untold, ...]:
+    """What a record leaves open at its maximum.
+
+    Args:
+        f: the log-likelihood of what is searched.
+        summit: its maximum.
+        search: the parameters.
+        names: what each of them is called.
+    """
+    found = [*_alone(f, summit, search, names)]
+    out = {i for one in found for i in one.which}
+    kept = [i for i in range(search.size) if i not in out]
+    return (*found, *_mixed(f, summit, kept, names))
+
+
+def covariance(summit: Summit, search: Search, found: Sequence[Untold]) -> np.ndarray:
+    """Of the parameters (p, p), those that are not determined held where they are and NaN."""
+    out = {i for one in found for i in one.which}
+    kept = np.array([i for i in range(search.size) if i not in out], int)
+    made = np.full((search.size, search.size), np.nan)
+    if not len(kept):
+        return made
+    slope = search.slope(summit.y)[kept]
+    try:
+        inverse = np.linalg.inv(summit.curvature[np.ix_(kept, kept)])
+    except np.linalg.LinAlgError:
+        return made
+    positive = np.linalg.eigvalsh(inverse).min() > 0
+    made[np.ix_(kept, kept)] = inverse * np.outer(slope, slope) if positive else np.nan
+    return made
+
+
+def _alone(f: Many, summit: Summit, search: Search, names: Sequence[str]) -> list[Untold]:
+    y, A = summit.y, np.diag(summit.curvature)
+    wide = np.where(search.logarithmic, _WIDE, 10 * summit.steps)
+    at = f(y + np.array([*np.diag(-wide), *np.diag(wide)])).reshape(2, -1)
+    lost = summit.value - at
+    found = []
+    for i, name in enumerate(names):
+        theta = search.outside(y)
+        low, high = lost[:, i] < _TOLD
+        if search.boxed[i]:
+            if abs(y[i]) > _AT_BOUND:
+                bound = search.high[i] if y[i] > 0 else search.low[i]
+                found.append(Untold((i,), f"{name} runs into its bound {bound:g}"))
+            elif low and high and A[i] * summit.steps[i] ** 2 < 1e-6:
+                found.append(Untold((i,), _nothing(name)))
+        elif search.logarithmic[i]:
+            if low and high:
+                span = f"from {theta[i] / np.exp(_WIDE):.2g} to {theta[i] * np.exp(_WIDE):.2g}"
+                found.append(Untold((i,), f"{_nothing(name)}: {span} the log-likelihood loses less than {_TOLD}"))
+            elif low or high:
+                edge = _edge(f, summit, i, 1 if low else -1)
+                limit = f"{np.exp(edge):.2g}" if np.isfinite(edge) else "any number"
+                where = "below" if low else "above"
+                also = "0 would do as well" if low else "the larger the better"
+                found.append(Untold((i,), f"of {name} the record tells only that it is {where} {limit}: {also}"))
+        elif low and high and A[i] * summit.steps[i] ** 2 < 1e-9 * max(1.0, abs(summit.value)):
+            found.append(Untold((i,), _nothing(name)))
+    return found
+
+
+def _nothing(name: str) -> str:
+    return f"the record says nothing of {name}"
+
+
+def _edge(f: Many, summit: Summit, i: int, sign: int) -> float:
+    """Where the log-likelihood has lost what a 95 % interval loses, along one number."""
+    far = np.linspace(0, 16, 65)
+    points = np.tile(summit.y, (len(far), 1))
+    points[:, i] += sign * far
+    beyond = np.flatnonzero(summit.value - f(points) > _BOUND)
+    return float(points[beyond[0], i]) if len(beyond) else float("nan")
+
+
+def _mixed(f: Many, summit: Summit, kept: list[int], names: Sequence[str]) -> list[Untold]:
+    """Directions along which the log-likelihood stays the same, though each number by itself is told."""
+    if len(kept) < 2:
+        return []
+    A = summit.curvature[np.ix_(kept, kept)]
+    scale = 1 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    w, V = np.linalg.eigh(A * np.outer(scale, scale))
+    found = []
+    for value, v in zip(w, V.T, strict=True):
+        if value > 2 * _TOLD / _MIXED**2 * 4:
+            continue
+        points = np.tile(summit.y, (2, 1))
+        points[:, kept] += np.array([[1.0], [-1.0]]) * _MIXED * v * scale
+        if value <= 0 or (summit.value - f(points) < 4 * _TOLD).all():
+            which = tuple(kept[i] for i in np.flatnonzero(np.abs(v) > 0.2))
+            listed = " and ".join(names[i] for i in which)
+            found.append(Untold(which, f"the record determines {listed} only together: fix one of them"))
+    return found
