@@ -1,6 +1,5 @@
-"""Running: live, smoothing, fitting, several sensors, and what is refused at the edge."""
+"""Running: live, smoothing, several sensors, and what is refused at the edge."""
 
-import importlib
 import pickle
 
 import jax
@@ -142,76 +141,6 @@ def test_smoothing_never_knows_less(filtered):
             TURNING,
             sigmax.run("SRCKFB", TURNING, PRIOR, turning_record(), dt=DT, inputs=NO_TURN, keep=["nis"]),
         )
-
-
-def walk(parameters):
-    noise = parameters["sensor"] ** 2
-    model = sigmax.Model(
-        motion=lambda x, dt: x,
-        sensor=lambda x: x + parameters["bias"] * jnp.array([0.0, 1.0]),
-        Q=[0.01, 0.01],
-        R=jnp.stack([noise, noise]),
-        state=("a", "b"),
-    )
-    return model, sigmax.Gaussian([0.0, 0.0], np.eye(2) * 1e-4)
-
-
-def test_fitting_finds_what_made_the_record():
-    rng = np.random.default_rng(5)
-    x = np.cumsum(rng.standard_normal((4, 60, 2)) * 0.1, axis=1)
-    z = x + rng.standard_normal(x.shape) * 0.3 + [0.0, 1.5]
-    got = sigmax.fit("EKF", walk, {"sensor": 1.0, "bias": 0.0}, z, positive=["sensor"])
-    assert got.converged
-    assert abs(got.parameters["sensor"] - 0.3) < 4 * got.std["sensor"]
-    assert abs(got.parameters["bias"] - 1.5) < 4 * got.std["bias"]
-    assert 0.005 < got.std["sensor"] < 0.05
-    with pytest.raises(sigmax.InputError, match="sensor"):
-        sigmax.fit("EKF", walk, {"sensor": 1.0, "bias": 0.0}, z, positive=["sensors"])
-    with pytest.raises(sigmax.InputError, match="positive"):
-        sigmax.fit("EKF", walk, {"sensor": -1.0, "bias": 0.0}, z, positive=["sensor"])
-
-
-def level(parameters):
-    noise = LEVEL.noise(parameters["q"])
-    return sigmax.Model(motion=LEVEL, sensor=seen, Q=noise, R=[parameters["r"]]), sigmax.Gaussian([0.0, 0.0], [1, 1])
-
-
-LEVEL = sigmax.motions.constant_velocity(("a",))
-
-
-def seen(x):
-    return x[:1]
-
-
-def test_a_problem_is_compiled_once(monkeypatch):
-    """Another record of the size, another start: the filter is not traced again."""
-    rng = np.random.default_rng(0)
-    traced, found = [], []
-    module = importlib.import_module("sigmax.running.fit")
-    monkeypatch.setattr(module, "run", lambda *args, **given: traced.append(None) or sigmax.run(*args, **given))
-    for start in (0.5, 2.0, 1.0):
-        z = rng.standard_normal((20, 1)) * start
-        found.append(sigmax.fit("EKF", level, {"q": 1.0, "r": start}, z, positive=("q", "r")))
-    assert len(traced) == 1
-    assert len({float(f.parameters["r"]) for f in found}) == 3
-
-
-def test_what_the_build_reads_is_not_remembered_when_it_changes():
-    """The sensor's offset is a global of this file: the fit of the same function is that of the new value."""
-    z = np.random.default_rng(0).standard_normal((20, 1))
-    before = sigmax.fit("EKF", shifted, {"r": 1.0}, z, positive="r")
-    SHIFT[0] = 5.0
-    after = sigmax.fit("EKF", shifted, {"r": 1.0}, z, positive="r")
-    assert before.parameters["r"] < 2 < after.parameters["r"]
-
-
-SHIFT = [0.0]
-
-
-def shifted(parameters):
-    offset = SHIFT[0]
-    prior = sigmax.Gaussian([0.0], [1e-6])
-    return sigmax.Model(motion=lambda x, dt: x, sensor=lambda x: x + offset, Q=[1e-9], R=[parameters["r"]]), prior
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,10 @@ import xarray
 from pyarrow import parquet
 
 import sigmax
+from sigmax.fitting import Fit
 from sigmax.models import part
 from sigmax.models.components import components
 from sigmax.models.units import units_of
-from sigmax.fitting import Fit
 from sigmax.running import Result, Smoothed
 from sigmax.running.layout import Layout
 from sigmax.spaces import SPACES

@@ -88,7 +88,7 @@ class Likelihood:
         return self.search.size + (0 if self.ready.u is None else self.ready.u.shape[-1])
 
     def _natively(self, theta: np.ndarray, T: int) -> np.ndarray:
-        ready, V = self.ready, max(len(theta), 2)
+        ready, asked_for = self.ready, len(theta)
         if self._family is None:
             own = self._width - self.search.size
             noises = self.data.R if isinstance(self.data.R, Mapping) else () if self.data.R is None else ("",)
@@ -97,7 +97,8 @@ class Likelihood:
                 current(self.data.build), known, self.search, ready.filter, ready.model, own, tuple(noises)
             )
         # One variant alone would be compiled by itself.
-        theta = np.concatenate([theta, theta[-1:]]) if len(theta) < V else theta
+        theta = np.concatenate([theta, theta[-1:]]) if asked_for < 2 else theta
+        V = len(theta)
         mean, cov = self._priors(theta)
         u = np.empty((V, self.tracks, T, self._width))
         if ready.u is not None:
@@ -113,7 +114,7 @@ class Likelihood:
         total, parts = native_engine.filtered(_KEPT, asked)
         failed = (np.asarray(parts["fault"]) > 0).any(-1)
         sums = np.where(failed, -np.inf, np.asarray(total)).reshape(V, -1).sum(1)
-        return np.asarray(sums[: len(theta)])
+        return np.asarray(sums[:asked_for])
 
     def _priors(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Means (V·B, n) and covariances (V·B, n, n) of the parameters."""

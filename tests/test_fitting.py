@@ -1,0 +1,271 @@
+"""Fits: members of a family are models, slopes are those of the exact likelihood, and what is not told is said."""
+
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import sigmax
+from sigmax.fitting.likelihood import Data, Likelihood, Likelihoods
+from sigmax.fitting.search import search_of
+from sigmax.fitting.summit import climb, derivatives
+from sigmax.running.lowered import Lowered
+
+
+def walk(parameters):
+    noise = parameters["sensor"] ** 2
+    model = sigmax.Model(
+        motion=lambda x, dt: x,
+        sensor=lambda x: x + parameters["bias"] * jnp.array([0.0, 1.0]),
+        Q=[0.01, 0.01],
+        R=jnp.stack([noise, noise]),
+        state=("a", "b"),
+    )
+    return model, sigmax.Gaussian([0.0, 0.0], np.eye(2) * 1e-4)
+
+
+def test_fitting_finds_what_made_the_record():
+    rng = np.random.default_rng(5)
+    x = np.cumsum(rng.standard_normal((4, 60, 2)) * 0.1, axis=1)
+    z = x + rng.standard_normal(x.shape) * 0.3 + [0.0, 1.5]
+    got = sigmax.fit("EKF", walk, {"sensor": 1.0, "bias": 0.0}, z, positive=["sensor"])
+    assert got.converged
+    assert abs(got.parameters["sensor"] - 0.3) < 4 * got.std["sensor"]
+    assert abs(got.parameters["bias"] - 1.5) < 4 * got.std["bias"]
+    assert 0.005 < got.std["sensor"] < 0.05
+    with pytest.raises(sigmax.InputError, match="sensor"):
+        sigmax.fit("EKF", walk, {"sensor": 1.0, "bias": 0.0}, z, positive=["sensors"])
+    with pytest.raises(sigmax.InputError, match="positive"):
+        sigmax.fit("EKF", walk, {"sensor": -1.0, "bias": 0.0}, z, positive=["sensor"])
+
+
+def level(parameters):
+    noise = LEVEL.noise(parameters["q"])
+    return sigmax.Model(motion=LEVEL, sensor=seen, Q=noise, R=[parameters["r"]]), sigmax.Gaussian([0.0, 0.0], [1, 1])
+
+
+LEVEL = sigmax.motions.constant_velocity(("a",))
+
+
+def seen(x):
+    return x[:1]
+
+
+def test_a_problem_is_compiled_once(monkeypatch):
+    """Another record of the size, another start: the filter is not traced again."""
+    rng, traced, found, program = np.random.default_rng(0), [], [], Lowered._program
+    monkeypatch.setattr(Lowered, "_program", lambda self, *about: traced.append(1) or program(self, *about))
+    for start in (0.5, 2.0, 1.0):
+        z = rng.standard_normal((20, 1)) * start
+        found.append(sigmax.fit("EKF", level, {"q": 1.0, "r": start}, z, positive=("q", "r")))
+        if start == 0.5:
+            first = len(traced)
+    assert len(traced) == first <= 3
+    assert len({float(f.parameters["r"]) for f in found}) == 3
+
+
+def test_what_the_build_reads_is_not_remembered_when_it_changes():
+    """The sensor's offset is a global of this file: the fit of the same function is that of the new value."""
+    z = np.random.default_rng(0).standard_normal((20, 1))
+    before = sigmax.fit("EKF", shifted, {"r": 1.0}, z, positive="r")
+    SHIFT[0] = 5.0
+    after = sigmax.fit("EKF", shifted, {"r": 1.0}, z, positive="r")
+    assert before.parameters["r"] < 2 < after.parameters["r"]
+
+
+SHIFT = [0.0]
+
+
+def shifted(parameters):
+    offset = SHIFT[0]
+    prior = sigmax.Gaussian([0.0], [1e-6])
+    return sigmax.Model(motion=lambda x, dt: x, sensor=lambda x: x + offset, Q=[1e-9], R=[parameters["r"]]), prior
+
+
+def drawn(T, q=0.3, r=2.0, seed=0):
+    """A record of `level` (T, 1)."""
+    rng, x, z = np.random.default_rng(seed), np.zeros(2), []
+    Q = np.asarray(LEVEL.noise(q)(1.0))
+    for _ in range(T):
+        x = np.array([x[0] + x[1], x[1]]) + rng.multivariate_normal(np.zeros(2), Q)
+        z.append([x[0] + rng.normal() * np.sqrt(r)])
+    return np.array(z)
+
+
+def exact(theta, z):
+    """The log-likelihood of `level` by the textbook, for complex parameters too."""
+    q, r = theta
+    F, Q = np.array([[1, 1], [0, 1]]), q * np.array([[1 / 3, 1 / 2], [1 / 2, 1]])
+    x, P, total = np.zeros(2, complex), np.eye(2) + 0j, 0
+    for (value,) in z:
+        x, P = F @ x, F @ P @ F.T + Q
+        S, nu = P[0, 0] + r, value - x[0]
+        total += -0.5 * (nu * nu / S + np.log(2 * np.pi * S))
+        K = P[:, 0] / S
+        x, P = x + K * nu, P - np.outer(K, P[0])
+    return total
+
+
+def test_slopes_are_those_of_the_exact_likelihood():
+    """Of a linear model, by complex steps through the textbook's filter: exact to rounding."""
+    z, theta = drawn(50), np.array([0.2, 1.5])
+    search, start = search_of({"q": 0.2, "r": 1.5}, ("q", "r"), {})
+    L = Likelihoods(sigmax.get("EKF"), [Data(level, z)], search, start)
+    value, slope, curved = derivatives(L.inside(), search.inside(theta), np.full(2, 1e-2))
+    assert value == pytest.approx(exact(theta, z).real, rel=1e-12)
+    wanted = np.array([exact(theta + 1e-30j * e, z).imag / 1e-30 * t for e, t in zip(np.eye(2), theta, strict=True)])
+    np.testing.assert_allclose(slope, wanted, rtol=1e-3)
+    # Differences are wrong by the square of their step.
+    near = derivatives(L.inside(), search.inside(theta), np.full(2, 1e-3))[1]
+    np.testing.assert_allclose(near - wanted, (slope - wanted) / 100, atol=2e-4 * np.abs(slope - wanted).max() + 1e-7)
+
+    def by_logarithm(y):
+        return np.array([exact(np.exp(y) * np.exp(1e-30j * e), z).imag / 1e-30 for e in np.eye(2)])
+
+    y, h = np.log(theta), 1e-5
+    rows = [(by_logarithm(y + h * e) - by_logarithm(y - h * e)) / (2 * h) for e in np.eye(2)]
+    np.testing.assert_allclose(curved, rows, rtol=2e-3)
+
+
+def test_the_maximum_is_that_of_the_exact_likelihood():
+    from scipy.optimize import minimize
+
+    z = drawn(80)
+    found = sigmax.fit("EKF", level, {"q": 1.0, "r": 1.0}, z, positive=("q", "r"), hold_out=0.25)
+    best = minimize(lambda y: -exact(np.exp(y), z).real, [0.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-7})
+    np.testing.assert_allclose([found.parameters["q"], found.parameters["r"]], np.exp(best.x), rtol=1e-4)
+    assert found.log_likelihood == pytest.approx(-best.fun, rel=1e-9)
+    assert found.start_log_likelihood == pytest.approx(exact([1.0, 1.0], z).real, rel=1e-12)
+    # What is held out: the likelihood of the later steps, with the maximum of the first ones.
+    first = minimize(lambda y: -exact(np.exp(y), z[:60]).real, best.x, method="Nelder-Mead", options={"xatol": 1e-7})
+    later = [(exact(t, z) - exact(t, z[:60])).real for t in ([1.0, 1.0], np.exp(first.x))]
+    assert found.held_out.steps == 20
+    assert found.held_out.before == pytest.approx(later[0], rel=1e-10)
+    assert found.held_out.after == pytest.approx(later[1], rel=1e-5)
+    # Along a number the log-likelihood is that of its values, and of a parabola of its standard error near the top.
+    q = found.along[0]
+    assert q.name == "q"
+    assert np.interp(found.parameters["q"] + found.std["q"], q.values, q.lost) == pytest.approx(0.5, abs=0.25)
+    assert found.status == 0
+    json.dumps(found.to_dict(), allow_nan=False)
+    assert len(found.plot("matplotlib").axes) == 2
+
+
+TURN = sigmax.motions.constant_velocity(("x", "y"))
+
+
+def rich(p):
+    """A bias, inputs, two sensors, a noise of state and one that is a function: everything reads a parameter."""
+    bias = sigmax.Bias(
+        prior=sigmax.Gaussian([p["m"]], [p["q"]]), sensor={"place": jnp.ones((2, 1)) * p["k"], "way": None}, Q=[p["q"]]
+    )
+    model = sigmax.Model(
+        motion=lambda x, dt, u: TURN.function(x, dt) + p["k"] * u[0] * jnp.array([0, 0, 1.0, 0]),
+        sensor={"place": lambda x: x[:2], "way": lambda x, u: jnp.hypot(x[0] - u[1], x[1])[None]},
+        Q=TURN.noise(p["q"]),
+        R={"place": jnp.stack([p["r"], 2 * p["r"]]), "way": lambda x: (p["r"] + 0.01 * jnp.abs(x[0]))[None]},
+        state=TURN.state,
+        bias=bias,
+    )
+    return model, sigmax.Gaussian(jnp.stack([p["m"], 0.0, 1.0, 1.0]), jnp.ones(4) * p["r"])
+
+
+@pytest.mark.parametrize("name", ["EKF", pytest.param("TSCKF", marks=pytest.mark.slow)])
+def test_a_member_of_the_family_is_the_model_of_its_parameters(name):
+    """Two tracks, R of one sensor by row: the batch of parameters gives what `run` gives of each."""
+    one, theta = of_rich(name)
+    data = one.data
+    got = one(theta)
+    for value, t in zip(got, theta[: 1 if name == "EKF" else 3], strict=False):
+        model, prior = rich(one.search.named(t))
+        done = sigmax.run(name, model, prior, data.z, dt=0.5, inputs=data.inputs, R=data.R, update_first=True)
+        assert value == pytest.approx(float(done.log_likelihood.sum()), rel=1e-9)
+
+
+@pytest.mark.slow
+def test_both_engines_give_the_same():
+    one, theta = of_rich("EKF")
+    np.testing.assert_allclose(one._by_xla(theta, one.steps), one(theta), rtol=1e-9)
+    np.testing.assert_allclose(one._by_xla(theta[:1], 7), one(theta[:1], 7), rtol=1e-9)
+
+
+def of_rich(name):
+    rng, T = np.random.default_rng(3), 12
+    z = {"place": rng.normal(size=(2, T, 2)).cumsum(1), "way": np.abs(rng.normal(size=(2, T, 1))) + 3}
+    z["way"][:, ::3] = np.nan
+    data = Data(rich, z, 0.5, rng.normal(size=(T, 2)), {"place": rng.uniform(0.5, 2, (T, 2))}, True)
+    search, start = search_of({"q": 1.0, "r": 1.0, "m": 0.0, "k": 1.0}, ("q", "r"), {})
+    theta = np.array([[0.7, 0.5, 2.0, 0.3], start, [-0.4, -0.2, 0.5, 3.0]])
+    return Likelihood(sigmax.get(name), data, search, start), theta
+
+
+def test_several_records_share_their_parameters():
+    a, b = drawn(30, seed=1), drawn(18, seed=2)
+    search, start = search_of({"q": 1.0, "r": 1.0}, ("q", "r"), {})
+    both = Likelihoods(sigmax.get("EKF"), [Data(level, a), Data(level, b)], search, start)
+    theta = np.array([[0.3, 1.0], [1.0, 2.0]])
+    np.testing.assert_allclose(both(theta), [exact(t, a).real + exact(t, b).real for t in theta], rtol=1e-12)
+    found = sigmax.fit("EKF", level, {"q": 1.0, "r": 1.0}, a, positive=("q", "r"), more=[{"z": b}])
+    assert found.log_likelihood == pytest.approx(climb(both.inside(), np.zeros(2), np.ones(2)).value, rel=1e-12)
+    for given, said in (({"z": b, "x": 1}, "unknown part of a record 'x'"), ({"dt": 1.0}, "must be a dict with z")):
+        with pytest.raises(sigmax.InputError, match=said):
+            sigmax.fit("EKF", level, {"q": 1.0, "r": 1.0}, a, positive=("q", "r"), more=[given])
+
+
+def mixed(p):
+    return level({"q": jnp.asarray(p["a"] * p["b"]), "r": jnp.asarray(p["r"] + 0 * p["idle"])})
+
+
+def test_what_a_record_does_not_tell_is_said():
+    """Factors of one product, a number that nothing reads, and a noise of which the record shows nothing."""
+    start = {"a": 1.0, "b": 0.5, "r": 1.0, "idle": 2.0}
+    found = sigmax.fit("EKF", mixed, start, drawn(80), positive=("a", "b", "r"))
+    assert found.status == 1
+    assert any("a and b only together" in said for said in found.undetermined)
+    assert any("says nothing of idle" in said for said in found.undetermined)
+    assert np.isnan([found.std["a"], found.std["b"], found.std["idle"]]).all()
+    assert np.isfinite(found.std["r"])
+    assert "not determined" in repr(found)
+    json.dumps(found.to_dict(), allow_nan=False)
+    still = np.random.default_rng(0).normal(size=(200, 1))
+    found = sigmax.fit("EKF", level, {"q": 1.0, "r": 1.0}, still, positive=("q", "r"))
+    assert any("of q the record tells only that it is below" in said for said in found.undetermined)
+    assert abs(found.parameters["r"] - 1) < 3 * found.std["r"]
+
+
+def test_bounds_are_kept():
+    z = drawn(80)
+    found = sigmax.fit("EKF", level, {"q": 1.0, "r": 1.0}, z, bounds={"q": (0.1, 5.0), "r": (0.1, 5.0)})
+    free = sigmax.fit("EKF", level, {"q": 1.0, "r": 1.0}, z, positive=("q", "r"))
+    for name in ("q", "r"):
+        assert found.parameters[name] == pytest.approx(free.parameters[name], rel=1e-4)
+        assert found.std[name] == pytest.approx(free.std[name], rel=0.05)
+    held = sigmax.fit("EKF", level, {"q": 1.0, "r": 0.4}, z, positive="q", bounds={"r": (0.1, 0.5)})
+    assert any("r runs into its bound 0.5" in said for said in held.undetermined)
+    for bounds, said in (({"q": 3}, "two numbers"), ({"q": (2, 3)}, "between 2 and 3"), ({"x": (0, 1)}, "'x'")):
+        with pytest.raises(sigmax.InputError, match=said):
+            sigmax.fit("EKF", level, {"q": 1.0, "r": 1.0}, z, bounds=bounds)
+
+
+def test_a_robust_update_has_a_robust_likelihood():
+    z = drawn(200)
+    z[::17] += 60
+    plain, robust = (
+        sigmax.fit(sigmax.get("EKF", update=u), level, {"q": 0.3, "r": 2.0}, z, positive=("q", "r"))
+        for u in ("once", "student")
+    )
+    assert plain.parameters["r"] > 50
+    assert 0.5 < robust.parameters["r"] < 5
+
+
+@pytest.mark.parametrize("seeds", [8, pytest.param(200, marks=pytest.mark.slow)])
+def test_the_truth_is_within_two_standard_errors(seeds):
+    """As often as it should be, 95 %, less what chance leaves of so many records; by the logarithm of each."""
+    near = []
+    for seed in range(seeds):
+        found = sigmax.fit("EKF", level, {"q": 1.0, "r": 1.0}, drawn(200, seed=seed), positive=("q", "r"))
+        for name, true in (("q", 0.3), ("r", 2.0)):
+            value = float(found.parameters[name])
+            near.append(abs(np.log(value / true)) < 2 * found.std[name] / value)
+    assert np.mean(near) > (0.75 if seeds < 20 else 0.92)
