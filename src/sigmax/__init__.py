@@ -23,7 +23,7 @@ _HOME = {
     "sigmax.examination": ("doctor",),
     "sigmax.export": ("export_c",),
     "sigmax.fitting": ("fit",),
-    "sigmax.filters": ("Filter", "bank", "catalogue", "get", "iterated", "names", "once", "robust"),
+    "sigmax.filters": ("Filter", "adaptive", "bank", "catalogue", "get", "iterated", "names", "once", "robust"),
     "sigmax.models": (
         "Bias",
         "Gaussian",
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from sigmax.errors import InputError
     from sigmax.examination import doctor
     from sigmax.export import export_c
-    from sigmax.filters import Filter, bank, catalogue, get, iterated, names, once, robust
+    from sigmax.filters import Filter, adaptive, bank, catalogue, get, iterated, names, once, robust
     from sigmax.fitting import fit
     from sigmax.models import (
         Bias,
@@ -100,6 +100,7 @@ __all__ = [
     "Live",
     "Model",
     "Result",
+    "adaptive",
     "angle",
     "bank",
     "builtin",

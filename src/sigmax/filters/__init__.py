@@ -3,7 +3,7 @@
 from sigmax.filters.bank import Bank, of_one_belief
 from sigmax.filters.catalogue import Entry, bank, catalogue, get, names
 from sigmax.filters.filter import Filter, ModeFilters
-from sigmax.filters.update import BySensor, Update, by_sensor, iterated, named, once, robust
+from sigmax.filters.update import BySensor, Update, adaptive, by_sensor, iterated, named, once, robust
 from sigmax.filters.weights import WEIGHTS, Gate, Huber, Student, Weighed, Weight
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "Update",
     "Weighed",
     "Weight",
+    "adaptive",
     "bank",
     "by_sensor",
     "catalogue",

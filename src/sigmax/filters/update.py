@@ -1,6 +1,7 @@
-"""How a measurement corrects, the fourth part of a filter: once, iterated, or with weights against outliers."""
+"""How a measurement corrects, the fourth part of a filter: once, iterated, with weights, or with an R that adapts."""
 
 import inspect
+import math
 import re
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
@@ -21,6 +22,7 @@ class Update:
         iterations: how often the sensor is linearised again, about the posterior of the line before.
         guarded: whether an iterate is kept only where |t|² + |L_r⁻¹ (z − ŷ)|² falls, and the step halved elsewhere.
         weight: the weights of a measurement by its first innovation, None for none.
+        memory: how many measurements the estimate of R remembers, None where R is the model's.
         reset: whether the corrected covariance is seen from the corrected mean; only curved spaces tell, where
             multiplicative and invariant filters of the textbooks leave it out.
     """
@@ -29,6 +31,7 @@ class Update:
     guarded: bool = True
     weight: Weight | None = None
     reset: bool = True
+    memory: float | None = None
 
     def __post_init__(self) -> None:
         count = self.iterations
@@ -42,15 +45,28 @@ class Update:
             isinstance(weight, type) or not callable(weight) or not isinstance(weight, Hashable)
         ):
             raise InputError(f"the weight of an update must be one such as Student(4), hashable; it is {weight!r}")
+        if self.memory is not None:
+            check_memory(self.memory)
 
     def __str__(self) -> str:
         guard = "" if self.guarded else ", guarded=False"
-        parts = [f"iterated({self.iterations}{guard})"] if self.iterations else []
+        parts = [] if self.memory is None else [f"adaptive({self.memory:g})"]
+        parts += [f"iterated({self.iterations}{guard})"] if self.iterations else []
         parts += [] if self.weight is None else [_written(self.weight)]
         return " ".join(parts or ["once"]) + ("" if self.reset else ", without reset")
 
 
 once = Update()
+
+
+def check_memory(memory: Any) -> None:
+    """Refuse a number of measurements that nothing can be averaged over.
+
+    Raises:
+        InputError: for what is no number of at least 2.
+    """
+    if isinstance(memory, bool) or not isinstance(memory, int | float) or not 2 <= memory < math.inf:
+        raise InputError(f"the memory of an adaptive noise is a number of measurements, at least 2; it is {memory!r}")
 
 
 @dataclass(frozen=True)
@@ -114,6 +130,25 @@ def robust(kind: str | Weight = "student", update: Update = once, **parameters: 
     return replace(update, weight=WEIGHTS[kind](**parameters))
 
 
+def adaptive(memory: float = 50.0, update: Update = once) -> Update:
+    """An update that finds R as it goes: each variance of it times a number that the last measurements say.
+
+    Variational Bayes (Särkkä and Nummenmaa 2009): the number has an inverse gamma distribution, forgets a share of
+    1 / memory with each measurement, and is estimated together with the state. Off unless asked for.
+
+    Args:
+        memory: how many measurements are remembered, at least 2. R is then known to about √(2 / memory) of itself.
+        update: the update besides, iterated or robust: `adaptive(50, robust("student"))`.
+
+    Raises:
+        InputError: for a memory that is no number of at least 2, or an update that is none.
+    """
+    if not isinstance(update, Update):
+        raise InputError(f"update must be one such as sigmax.once or sigmax.iterated(2); it is {update!r}")
+    check_memory(memory)
+    return replace(update, memory=float(memory))
+
+
 def by_sensor(updates: Mapping[str, Update | str], others: Update | str | None = None) -> BySensor:
     """An update for each sensor by its name, such as `{"gps": "student", "odometer": "once"}`.
 
@@ -156,17 +191,19 @@ def named(update: Update | BySensor | str | Mapping[str, Any]) -> Update | BySen
         if kind not in _KINDS:
             raise unknown("update", kind, _KINDS)
         made = _part(kind, value.strip())
-        what = "weight" if made.weight is not None else "iterations" if made.iterations else "once"
+        what = "weight" if made.weight is not None else "memory" if made.memory else "iterations"
+        what = what if made != once else "once"
         if what in found:
             raise InputError(f"{update!r} says twice how a measurement corrects; give one of {', '.join(WEIGHTS)}")
         found[what] = made
     weight = found["weight"].weight if "weight" in found else None
-    return replace(found.get("iterations", once), weight=weight)
+    memory = found["memory"].memory if "memory" in found else None
+    return replace(found.get("iterations", once), weight=weight, memory=memory)
 
 
 _PART = re.compile(r"(\w+)\s*(?:\(([^()]*)\))?")
 _PARTS = re.compile(rf"\s*(?:{_PART.pattern}\s*)+")
-_KINDS: Mapping[str, Callable[..., Any]] = {"once": lambda: once, "iterated": iterated, **WEIGHTS}
+_KINDS: Mapping[str, Callable[..., Any]] = {"once": lambda: once, "iterated": iterated, "adaptive": adaptive, **WEIGHTS}
 
 
 def _part(kind: str, value: str) -> Update:

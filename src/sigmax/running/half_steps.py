@@ -8,6 +8,8 @@ from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
 from sigmax.running import smooth_step, step
+from sigmax.running.adapting import adapted_noises
+from sigmax.running.adaptive_steps import AdaptiveSteps
 from sigmax.running.bank_steps import BankSteps
 from sigmax.running.mode_steps import ModeSteps
 from sigmax.running.step import Belief, Innovation
@@ -57,9 +59,11 @@ def half_steps(filter: Filter, model: Model) -> HalfSteps:
     return BankSteps(filter, model) if isinstance(filter, Bank) else back_steps(filter, model)
 
 
-def back_steps(filter: Filter, model: Model) -> _OneBelief | ModeSteps:
+def back_steps(filter: Filter, model: Model) -> _OneBelief | ModeSteps | AdaptiveSteps:
     """The same with the steps backwards of a smoother, which a bank takes from its members' filter."""
     if isinstance(model, SwitchingModel):
         assert isinstance(filter, ModeFilters)
         return ModeSteps(filter.modes, model)
+    if adapted_noises(filter, model).size:
+        return AdaptiveSteps(filter, model)
     return _OneBelief(filter, model)

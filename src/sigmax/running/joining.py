@@ -13,6 +13,7 @@ from sigmax.models.checks import enough_memory, is_traced
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
+from sigmax.running.adapting import check_adapted
 from sigmax.running.current import check_model, found_once
 
 augmented = found_once(augment)
@@ -36,6 +37,7 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
         )
     if not model.space.flat:
         prior = _on_space(model, prior)
+    check_adapted(filter, model)
     for own, part in modes_of(filter, model):
         check_named(own, part)
         if part.constraints and part is not model:

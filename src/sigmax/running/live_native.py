@@ -49,7 +49,7 @@ class NativeState:
         self._calls: dict[Any, Callable[..., Any]] = {}
         self._smoothers: dict[int, Callable[..., tuple[Any, ...]]] = {}
         tracks = slice(None) if self._batched else 0
-        points, n, _ = self.packing
+        points, n = self.packing[:2]
         mean = self.rows[tracks, :points]
         self.read_mean = ready(None, None, len(self.rows), (), (mean,), kept=self.rows)
         factors = self.rows[:, points : self.packing.head]
@@ -93,7 +93,7 @@ class NativeState:
         S[..., np.flatnonzero(np.tri(n))] = rows[..., self.packing.points : self.packing.head]
         parts = rows[..., : self.packing.points], S.reshape(*rows.shape[:2], n, n), rows[..., self.packing.head :]
         mean, factor, rest = parts if self._batched else (a[0] for a in parts)
-        return mean, factor, rest if self.packing.members else None
+        return mean, factor, rest if self.packing.tail else None
 
     def backwards(self, kept: Any, dt: np.ndarray, u: np.ndarray | None) -> tuple[Any, ...]:
         """Means, factors, faults and the rest of several steps, smoothed, laid out as they are kept."""

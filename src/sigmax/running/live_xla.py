@@ -79,7 +79,7 @@ class XlaState:
     def kept(self, helds: Sequence[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """See `NativeState`."""
         packing = Packing.of(self.filter, self.model)
-        arrays = [(b.mean, b.factor, *([packing.rest(b)] if packing.members else [])) for b in helds]
+        arrays = [(b.mean, b.factor, *([packing.rest(b)] if packing.tail else [])) for b in helds]
         stacked = (np.stack([np.asarray(a) for a in some]) for some in zip(*arrays, strict=True))
         mean, factor, *rest = (np.moveaxis(a, -1, 0) if self.belief.mean.ndim == 2 else a for a in stacked)
         return mean, factor, rest[0] if rest else None

@@ -49,7 +49,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
     low = lowered(ready.filter, ready.model, inputs, ready.mean.dtype, alone=B == 1 and T >= _LONG)
     parts = job.bind(low, ready.model, ("start",), ("predict",), *(("correct", s, v.shape[-1]) for s, v in z.items()))
     dtype = low.dtype
-    points, n, members = low.packing
+    points, n = low.packing[:2]
     state = started(low, parts, ready.mean, ready.cov, B)
 
     def array(part: str, *shape: int, of: Any = dtype) -> np.ndarray | None:
@@ -64,7 +64,7 @@ def filtered(keep: frozenset[str], ready: Prepared) -> tuple[Any, dict[str, Any]
         fault=array("fault", of=np.int8),
         dof=array("dof", of=np.int64),
         total=np.empty(B, dtype),
-        rest=array("modes", low.packing.size - low.packing.head) if members else None,
+        rest=array("modes", low.packing.size - low.packing.head) if low.packing.tail else None,
         innovation={
             s: Innovation(np.empty((B, T, m), dtype), np.empty((B, T, m, m), dtype), None, None, None)
             for s, m in dims.items()
@@ -112,7 +112,7 @@ def smoother(filter: Filter, model: Model, inputs: int, dtype: Any) -> Callable[
 def _smoothed(low: Lowered, back: job.BoundStep, kept: tuple[Any, ...], dt: Any, u: Any) -> tuple[Any, ...]:
     dtype = kept[0].dtype
     mean, factor, fault = (np.ascontiguousarray(a, dtype) for a in kept[:3])
-    rest = np.ascontiguousarray(kept[3]) if low.packing.members else None
+    rest = np.ascontiguousarray(kept[3]) if low.packing.tail else None
     behind = None if rest is None else np.empty_like(rest)
     out = np.empty_like(mean), np.empty_like(factor), behind, np.empty(fault.shape, np.int8)
     dt, u = np.ascontiguousarray(dt), None if u is None else np.ascontiguousarray(u)

@@ -11,6 +11,7 @@ from sigmax.models.model import Model
 from sigmax.native import Graph, Refused
 from sigmax.native.graph import Array
 from sigmax.native.node import Node
+from sigmax.running.adapting import Adapted, adapted_noises
 from sigmax.running.joining import modes_of
 from sigmax.running.mixture import MixtureBelief
 from sigmax.running.step import Belief
@@ -24,11 +25,13 @@ class Packing(NamedTuple):
         n: rows of the factor.
         members: the packing of each mode or member of a bank, whose logarithms of probabilities end the row; none for a
             filter of one belief.
+        known: numbers of what an adaptive filter knows of noises, which end the row.
     """
 
     points: int
     n: int
     members: tuple["Packing", ...] = ()
+    known: int = 0
 
     @classmethod
     def of(cls, filter: Filter, model: Model) -> "Packing":
@@ -37,7 +40,9 @@ class Packing(NamedTuple):
         if isinstance(filter, Bank):
             return own._replace(members=(own,) * filter.kept)
         each = modes_of(filter, model)
-        return own if len(each) == 1 else own._replace(members=tuple(starmap(cls.of, each)))
+        if len(each) == 1:
+            return own._replace(known=adapted_noises(filter, model).size)
+        return own._replace(members=tuple(starmap(cls.of, each)))
 
     @property
     def head(self) -> int:
@@ -47,17 +52,22 @@ class Packing(NamedTuple):
     @property
     def size(self) -> int:
         """Numbers in a row."""
-        return self.head + sum(m.size for m in self.members) + len(self.members)
+        return self.head + sum(m.size for m in self.members) + self.tail
+
+    @property
+    def tail(self) -> int:
+        """Numbers that end a row: nothing stands behind the factor where there are none."""
+        return len(self.members) + self.known
 
     @property
     def length(self) -> int:
         """Arrays of a belief, one after the other."""
-        return 2 + 2 * len(self.members) + bool(self.members)
+        return 2 + 2 * len(self.members) + bool(self.tail)
 
     def belief(self, arrays: Any) -> Any:
         """The belief of its arrays."""
         if not self.members:
-            return Belief(*arrays)
+            return Adapted(*arrays) if self.known else Belief(*arrays)
         pairs = zip(arrays[2:-1:2], arrays[3:-1:2], strict=True)
         return MixtureBelief(arrays[0], arrays[1], tuple(Belief(*pair) for pair in pairs), arrays[-1])
 
@@ -78,7 +88,7 @@ class Packing(NamedTuple):
         for mode in self.members:
             found += mode._split(row[at : at + mode.size], zeros)
             at += mode.size
-        return [*found, row[at:]] if self.members else found
+        return [*found, row[at:]] if self.tail else found
 
     def nodes(self, arrays: list[Array]) -> list[Node]:
         """The row of a belief that was computed, checked to be as `symbols` supposes.
@@ -91,12 +101,12 @@ class Packing(NamedTuple):
             if any(not (node.known and node.value == 0) for node in factor[np.triu_indices(packing.n, 1)]):
                 raise Refused("a form whose factor is not lower triangular by construction")
             made += [*mean, *factor[np.tril_indices(packing.n)]]
-        return [*made, *arrays[-1]] if self.members else made
+        return [*made, *arrays[-1]] if self.tail else made
 
     def _each(self, arrays: list[Any]) -> list[tuple["Packing", Any, Any]]:
         """Each mean and factor with its packing."""
         return list(
-            zip((self, *self.members), arrays[: self.length - bool(self.members) : 2], arrays[1::2], strict=True)
+            zip((self, *self.members), arrays[: self.length - bool(self.tail) : 2], arrays[1::2], strict=True)
         )
 
     def unpacked(self, rows: np.ndarray) -> Any:
@@ -114,7 +124,7 @@ class Packing(NamedTuple):
     def _row(self, belief: Any, first: int) -> Any:
         arrays = self.arrays(belief)
         made = [part for p, m, S in self._each(arrays)[first:] for part in (m, S[np.tril_indices(p.n)])]
-        return jnp.concatenate([*made, *([arrays[-1]] if self.members else [])])
+        return jnp.concatenate([*made, *([arrays[-1]] if self.tail else [])])
 
     def behind(self, rest: Any) -> list[Any]:
         """The arrays of what stands behind the mean and the factor, over time (T, k, ...)."""
@@ -125,4 +135,4 @@ class Packing(NamedTuple):
             i, j = np.tril_indices(mode.n)
             found += [mean, factor.at[:, i, j].set(lower)]
             at += mode.size
-        return [*found, rest[:, at:]] if self.members else []
+        return [*found, rest[:, at:]] if self.tail else []

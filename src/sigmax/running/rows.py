@@ -12,6 +12,7 @@ from sigmax.models.model import Model
 from sigmax.models.switching import check_one_mode
 from sigmax.native.calls import extension, ready
 from sigmax.native.driver import Record
+from sigmax.running.adapting import adapts
 from sigmax.running.advance import Instant
 from sigmax.running.backend import attempt
 from sigmax.running.covariances import covariances
@@ -63,6 +64,11 @@ class RowSteps:
         self._asked, model = model, current_model(model)
         check_one_mode(model, "a tracker")
         check_named(self.filter, model)
+        if adapts(self.filter, model):
+            raise InputError(
+                f"{self.filter.name} adapts R, and rows, which trackers mix and Stone Soup keeps as mean and covariance, "
+                "do not carry what it knows of it: take a filter without update=adaptive"
+            )
         check_shapes(model, None, counted(model), self.dtype)
         if model.bias is not None:
             raise InputError(f"rows hold states alone, and {model} has a bias: give sigmax.models.augment(model)")

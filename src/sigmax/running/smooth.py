@@ -99,7 +99,7 @@ def backwards(
 ) -> tuple[Any, Any, Any, Any]:
     """Smoothed means, factors, faults and modes of filtered ones, all with the batch first; the arguments checked."""
     filter = of_one_belief(filter)
-    kept = kept if Packing.of(filter, model).members else (*kept[:3], None)
+    kept = kept if Packing.of(filter, model).tail else (*kept[:3], None)
 
     def with_xla() -> Any:
         mean, factor, fault, rest = (None if a is None else batch_last(a, a.ndim - batched) for a in kept)
@@ -160,7 +160,7 @@ def _backwards(
     _, (made, failed) = jax.lax.scan(step, last, ([a[:-1] for a in arrays], fault[1:], dt[1:], inputs), reverse=True)
     all_steps = [jnp.concatenate([a, b[-1:]]) for a, b in zip(made, arrays, strict=True)]
     failed = jnp.concatenate([failed, jnp.zeros_like(fault[-1:])])
-    behind = jax.vmap(packing.rest)(packing.belief(all_steps)) if packing.members else None
+    behind = jax.vmap(packing.rest)(packing.belief(all_steps)) if packing.tail else None
     return all_steps[0], all_steps[1], failed, behind
 
 

@@ -30,7 +30,7 @@ def settled(low: Lowered, model: Model, sizes: dict[str, int], steps: int, input
         steps: of the record.
         inputs: whether there are inputs.
     """
-    if steps < _LONG or inputs or len(sizes) != 1 or low.packing.members:
+    if steps < _LONG or inputs or len(sizes) != 1 or low.packing.tail:
         return None
     ((sensor, size),) = sizes.items()
     return _settled(model, low, sensor, size)

@@ -18,6 +18,7 @@ from sigmax.models.noise import Noise
 from sigmax.rules import Taylor1
 from sigmax.rules.charted import linearized
 from sigmax.rules.linearization import Linearization
+from sigmax.running.adapting import adapted, stretched
 from sigmax.running.considering import considered, grown
 from sigmax.running.constraining import conditioned
 from sigmax.running.updating import ROUNDING, observing, there, update_on, updated
@@ -144,10 +145,34 @@ def predict(
         return _keep(fault <= 0, Belief(mean, factor), belief), fault
 
 
+class Corrected(NamedTuple):
+    """What a measurement made of a belief.
+
+    Attributes:
+        belief: after it.
+        innovation: what it said.
+        fault: (...), as numbers of `Fault`.
+        scale: λ (m, ...) of the sensor after it, see `adapting`; None where R is the model's.
+    """
+
+    belief: Belief
+    innovation: Innovation
+    fault: Any
+    scale: Any
+
+
 def correct(
     filter: Filter, model: Model, sensor: str, R: Noise, belief: Belief, z: jax.Array, u: jax.Array | None
 ) -> tuple[Belief, Innovation, jax.Array]:
     """The belief after a measurement z (m, ...) of one sensor, NaN in it meaning missing."""
+    belief, told, fault, _ = corrected(filter, model, sensor, R, belief, z, u, None)
+    return belief, told, fault
+
+
+def corrected(
+    filter: Filter, model: Model, sensor: str, R: Noise, belief: Belief, z: Any, u: Any, scale: Any
+) -> Corrected:
+    """The same of a sensor whose R is found as it goes, by λ (m, ...) before it; None where it is the model's."""
     x, S = belief
     space, update = model.space, update_on(filter, model, sensor)
     _, seen = there(model.measured_space(sensor, z.shape[0]), z)
@@ -157,11 +182,16 @@ def correct(
             Lr, noise_sound = sensor_noise(model, R, x, u, seen)
         else:  # it comes with the line
             Lr, noise_sound = Diagonal(jnp.where(seen, 0, jnp.ones_like(z))), jnp.ones(x.shape[1:], bool)
+        Lr = Lr if scale is None else stretched(Lr, jnp.where(seen, jnp.sqrt(scale), 1))
     observe = observing(filter, model, sensor, Lr, x, S, z, u)
     with jax.named_scope("the sensor, linearised"):
         first = observe()
     with jax.named_scope("the update"):
         taken, whitened, Sy, weighed = updated(filter, update, observe, first, count)
+        after = scale
+        if scale is not None:
+            assert update.memory is not None
+            taken, after = adapted(update.memory, taken, scale, seen, filter.form.omega)
     with jax.named_scope("the correction"):
         done = filter.form.correct(S, taken.line, taken.noise, taken.innovation)
         done = considered(filter, model, S, taken, done)
@@ -182,6 +212,9 @@ def correct(
     )
     heard = (count > 0) & (fault <= 0)
     if weighed is None:
+        if scale is not None:  # as it was before the measurement changed R
+            done = done._replace(whitened=whitened, innovation_factor=Sy)
+            variances = diagonal(Sy)
         density = -0.5 * ((done.whitened**2).sum(0) + count * LOG_2PI)
     else:
         density, variances = weighed.log_density, diagonal(Sy)
@@ -197,7 +230,9 @@ def correct(
     if weighed is not None:
         # What is refused widens the belief, so that a filter that is wrong cannot refuse for ever.
         belief = belief._replace(factor=grown(filter, model, S, jnp.where(heard & ~used, weighed.growth, 1)))
-    return _keep(used, new, belief), told, jnp.where(count > 0, fault, 0)
+    kept = _keep(used, new, belief)
+    after = None if scale is None else jnp.where(used, after, scale)
+    return Corrected(kept, told, jnp.where(count > 0, fault, 0), after)
 
 
 def later(fault: jax.Array, then: jax.Array) -> jax.Array:

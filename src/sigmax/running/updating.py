@@ -121,7 +121,7 @@ def updated(filter: Filter, update: Update, observe: Observe, first: Observed, s
 
     Innovation and NIS are those of the first line: a gate and a test of consistency judge the prediction.
     """
-    if update.weight is None and not update.iterations:
+    if update.weight is None and not update.iterations and update.memory is None:
         return Updated(first)
     noise, _ = noise_factor(first.line, first.noise)
     factor = add(noise, first.line.slope)

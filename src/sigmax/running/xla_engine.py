@@ -140,7 +140,7 @@ def _scan(
             "step_log_likelihood": log_likelihood,
             "innovation": said,
         }
-        if packing.members:
+        if packing.tail:
             parts["modes"] = packing.rest(belief)
         return (belief, total + log_likelihood), {name: parts[name] for name in keep & parts.keys()}
 
