@@ -1,5 +1,6 @@
 """Filters: a rule for the prediction, a rule for the correction, a form, an update; and their catalogue."""
 
+from sigmax.filters.adaptive import AdaptiveQ, adaptive_Q
 from sigmax.filters.bank import Bank, of_one_belief
 from sigmax.filters.catalogue import Entry, bank, catalogue, get, names
 from sigmax.filters.filter import Filter, ModeFilters
@@ -8,6 +9,7 @@ from sigmax.filters.weights import WEIGHTS, Gate, Huber, Student, Weighed, Weigh
 
 __all__ = [
     "WEIGHTS",
+    "AdaptiveQ",
     "Bank",
     "BySensor",
     "Entry",
@@ -20,6 +22,7 @@ __all__ = [
     "Weighed",
     "Weight",
     "adaptive",
+    "adaptive_Q",
     "bank",
     "by_sensor",
     "catalogue",

@@ -42,6 +42,8 @@ def bank_of(member: Filter, members: int, bend: float = 0.5) -> Bank:
         raise InputError(
             f"members of a bank differ in what they know; {member.name} holds {member.consider[0]} for all"
         )
+    if member.Q is not None:
+        raise InputError(f"members of a bank would each find a Q of their own; {member.name} adapts it: leave that out")
     if isinstance(members, bool) or not isinstance(members, int) or not _FEWEST <= members <= _MOST or members % 2 == 0:
         raise InputError(f"members of a bank are an odd number from {_FEWEST} to {_MOST}; it is {members!r}")
     if isinstance(bend, bool) or not isinstance(bend, int | float) or not bend > 0:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import makers as make
+from sigmax.filters.adaptive import AdaptiveQ, named_Q
 from sigmax.filters.bank import bank_of
 from sigmax.filters.filter import Filter
 from sigmax.filters.parameters import fitted
@@ -117,6 +118,7 @@ def get(
     update: Update | BySensor | str | Mapping[str, Update | str] | None = None,
     members: int | None = None,
     consider: str | Sequence[str] = (),
+    Q: AdaptiveQ | str | None = None,
     **parameters: Any,
 ) -> Filter:
     """The filter of a name, such as `get("SRUKFB", alpha=0.45, beta=2, kappa=-2)` or `get("EKF", update="student")`.
@@ -124,6 +126,7 @@ def get(
     An update is one such as `iterated(5)`, or its name, or a dict of them by sensor; without one it is that of the
     catalogue. With members it is a bank of such filters, see `bank`. Components of state or bias that it is to
     `consider` are those that no measurement changes, while what is not known of them counts (Schmidt 1966).
+    With Q="adaptive" or `adaptive_Q(…)` the noise of the motion is found as the filter goes, as R with update="adaptive".
 
     Raises:
         InputError: for a name or a parameter that is not known, with the nearest ones that are.
@@ -132,7 +135,8 @@ def get(
         if not isinstance(value, Hashable):
             raise InputError(f"{parameter} must be one value; it is {type(value).__name__}")
     held = (consider,) if isinstance(consider, str) else tuple(map(str, consider))
-    member = _composed(str(name), None if update is None else named(update), held, tuple(parameters.items()))
+    about = None if update is None else named(update), held, named_Q(Q)
+    member = _composed(str(name), *about, tuple(parameters.items()))
     return member if members is None else bank_of(member, members)
 
 
@@ -160,7 +164,11 @@ def bank(filter: Filter | str, members: int = 9, bend: float = 0.5) -> Filter:
 
 @lru_cache(maxsize=256)
 def _composed(
-    name: str, update: Update | BySensor | None, consider: tuple[str, ...], given: tuple[tuple[str, Any], ...]
+    name: str,
+    update: Update | BySensor | None,
+    consider: tuple[str, ...],
+    Q: AdaptiveQ | None,
+    given: tuple[tuple[str, Any], ...],
 ) -> Filter:
     parameters = dict(given)
     folded = {known.casefold(): known for known in _ENTRIES}
@@ -170,7 +178,7 @@ def _composed(
     entry = _ENTRIES[found]
     for parameter in parameters:
         if parameter not in entry.parameters:
-            takes = ", ".join([*entry.parameters, "update", "members", "consider"])
+            takes = ", ".join([*entry.parameters, "update", "members", "consider", "Q"])
             raise InputError(f"{found} has no parameter {parameter!r}; it takes {takes}")
     makers = (entry.predict, entry.correct, entry.form)
     kinds = {k: p.annotation for make in makers for k, p in inspect.signature(make).parameters.items()}
@@ -183,7 +191,8 @@ def _composed(
     chosen = entry.update if update is None else update
     shown = parameters if chosen == entry.update else parameters | {"update": chosen}
     shown |= {"consider": "+".join(consider)} if consider else {}
+    shown |= {} if Q is None else {"Q": Q}
     said = ", ".join(f"{k}={v}" for k, v in shown.items())
     label = f"{found}({said})" if said else found
     parts = part(entry.predict), part(entry.correct), part(entry.form)
-    return Filter(*parts, label, linear=found == "KF", update=chosen, consider=consider)
+    return Filter(*parts, label, linear=found == "KF", update=chosen, consider=consider, Q=Q)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from types import FunctionType
 
 from sigmax.errors import InputError
+from sigmax.filters.adaptive import AdaptiveQ
 from sigmax.filters.update import BySensor, Update
 from sigmax.forms.form import Form
 from sigmax.rules.linearization import Rule
@@ -25,6 +26,7 @@ class Filter:
             on curved spaces for one iteration.
         consider: names of components of state or bias that no measurement changes, while what is not known of them
             widens everything else.
+        Q: how the noise of the motion is found as the filter goes; None where it is the model's.
     """
 
     predict: Rule
@@ -34,6 +36,7 @@ class Filter:
     linear: bool = False
     update: Update | BySensor | None = None
     consider: tuple[str, ...] = ()
+    Q: AdaptiveQ | None = None
 
     def __post_init__(self) -> None:
         for what, rule in (("predict", self.predict), ("correct", self.correct)):
@@ -46,6 +49,8 @@ class Filter:
                 f"update must be one such as sigmax.once, sigmax.iterated(3) or sigmax.robust('student'); "
                 f"it is {_said(self.update)}"
             )
+        if self.Q is not None and not isinstance(self.Q, AdaptiveQ):
+            raise InputError(f"Q must be one such as sigmax.filters.adaptive_Q(100), or None; it is {_said(self.Q)}")
         names = self.consider
         if not isinstance(names, tuple) or not all(isinstance(n, str) for n in names) or len(set(names)) < len(names):
             raise InputError(f"consider must be a tuple of different names of components; it is {names!r}")
@@ -69,7 +74,9 @@ class Filter:
     def __repr__(self) -> str:
         update = f", update {self.update}" if self.update is not None else ""
         held = f", considering {', '.join(self.consider)}" if self.consider else ""
-        return f"{self.name}: prediction {self.predict}, correction {self.correct}, form {self.form.name}{update}{held}"
+        found = f", Q {self.Q}" if self.Q is not None else ""
+        parts = f"prediction {self.predict}, correction {self.correct}, form {self.form.name}"
+        return f"{self.name}: {parts}{update}{found}{held}"
 
 
 @dataclass(frozen=True, repr=False)

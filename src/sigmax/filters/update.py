@@ -1,13 +1,13 @@
 """How a measurement corrects, the fourth part of a filter: once, iterated, with weights, or with an R that adapts."""
 
 import inspect
-import math
 import re
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from sigmax.errors import InputError, unknown
+from sigmax.filters.adaptive import check_memory
 from sigmax.filters.parameters import fitted
 from sigmax.filters.weights import WEIGHTS, Weight
 
@@ -57,16 +57,6 @@ class Update:
 
 
 once = Update()
-
-
-def check_memory(memory: Any) -> None:
-    """Refuse a number of measurements that nothing can be averaged over.
-
-    Raises:
-        InputError: for what is no number of at least 2.
-    """
-    if isinstance(memory, bool) or not isinstance(memory, int | float) or not 2 <= memory < math.inf:
-        raise InputError(f"the memory of an adaptive noise is a number of measurements, at least 2; it is {memory!r}")
 
 
 @dataclass(frozen=True)

@@ -26,16 +26,27 @@ def linearized_motion(
 
 
 def disturbed_motion(
-    rule: Rule, model: Model, root: Matrix | None, x: jax.Array, S: jax.Array, dt: jax.Array, u: jax.Array | None
+    rule: Rule,
+    model: Model,
+    root: Matrix | None,
+    x: jax.Array,
+    S: jax.Array,
+    dt: jax.Array,
+    u: jax.Array | None,
+    stretch: jax.Array | None = None,
 ) -> tuple[Linearization, Matrix, jax.Array]:
     """The motion by a rule, the factor of the noise that is added to it, and whether this is one.
 
-    A noise inside it is among the columns of what the line misses, and nothing is added.
+    A noise inside it is among the columns of what the line misses, and nothing is added. The rows of the factor are
+    multiplied by `stretch` (n, ...) where there is one.
     """
     found = model.noise_inside(None)
     if found is None:
         line = linearized_motion(rule, model, x, S, dt, u)
-        return line, *motion_noise(model, root, x, dt, u)
+        L, sound = motion_noise(model, root, x, dt, u)
+        if stretch is not None:
+            L = Diagonal(L.entries * stretch) if isinstance(L, Diagonal) else L * stretch[:, None]
+        return line, L, sound
     joint, q = found
     whole = moving(model, x, dt, u).instead(joint)
     line, columns = with_columns(rule, whole, q, x, S, model.space.periodic)

@@ -1,25 +1,14 @@
-"""An R that a filter finds as it goes: what it knows of noises, and how a measurement changes that.
-
-The noise of a sensor is L_r Λ^½ ε with Λ diagonal, L_r the factor of the model's R, so that all there is to know are
-numbers λ, 1 where the model is right, whatever R is: numbers, a function, or different with each measurement.
-"""
+"""Noises that a filter finds as it goes: which, where they stand in its belief, and what may not be found so."""
 
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
+import numpy as np
 
-from sigmax.algebra.arrays import times
-from sigmax.algebra.factor import Diagonal, Matrix, add, dense, solve_lower
-from sigmax.errors import InputError
+from sigmax.errors import InputError, unknown
 from sigmax.filters import Bank, Filter, ModeFilters
-from sigmax.forms.noise import noise_factor
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
-from sigmax.running.updating import Observed, update_on
-
-# How often λ and the state are estimated from each other; a sweep leaves about 1 / memory of what was missing.
-_SWEEPS = 2
+from sigmax.running.updating import update_on
 
 
 class Adapted(NamedTuple):
@@ -31,15 +20,39 @@ class Adapted(NamedTuple):
 
 
 class Noises(NamedTuple):
-    """Where it stands what is known of noises.
+    """Where it stands what is known of noises: λ of sensors, then of each group of Q what `Found` has.
 
     Attributes:
         sensors: by name, from where to where its λ stand.
-        size: numbers of all together.
+        points: numbers of the mean.
+        n: rows of the factor.
+        groups: rows of the factor of Q that share a number; none where Q is the model's.
     """
 
     sensors: tuple[tuple[str, int, int], ...] = ()
-    size: int = 0
+    points: int = 0
+    n: int = 0
+    groups: tuple[tuple[int, ...], ...] = ()
+
+    @property
+    def each(self) -> int:
+        """Numbers for each group: the logarithm, its information, and derivatives of mean and factor."""
+        return 2 + self.points + self.n * (self.n + 1) // 2
+
+    @property
+    def first(self) -> int:
+        """Where those of Q begin."""
+        return max((b for _, _, b in self.sensors), default=0)
+
+    @property
+    def size(self) -> int:
+        """Numbers of all together."""
+        return self.first + len(self.groups) * self.each
+
+    @property
+    def logarithms(self) -> list[int]:
+        """Where the logarithms of the numbers of Q stand."""
+        return [self.first + k * self.each for k in range(len(self.groups))]
 
     def of(self, sensor: str) -> slice | None:
         """Where the λ of a sensor stand, None where its R is the model's."""
@@ -52,37 +65,52 @@ def adapted_noises(filter: Filter, model: Model) -> Noises:
         return Noises()
     sensors, at = [], 0
     for sensor in model.sensors:
-        if update_on(filter, model, sensor).memory is None:
-            continue
-        size = model.measured_space(sensor, len(model.measurement[sensor] or ())).dim
-        sensors.append((sensor, at, at + size))
-        at += size
-    return Noises(tuple(sensors), at)
+        if update_on(filter, model, sensor).memory is not None:
+            size = model.measured_space(sensor, len(model.measurement[sensor] or ())).dim
+            sensors.append((sensor, at, at + size))
+            at += size
+    return Noises(tuple(sensors), model.space.size, model.space.dim, _groups(filter, model))
+
+
+def _groups(filter: Filter, model: Model) -> tuple[tuple[int, ...], ...]:
+    if filter.Q is None:
+        return ()
+    names = list(map(str, model.deviations))
+    given = filter.Q.groups
+    return (tuple(range(len(names))),) if given is None else tuple(tuple(map(names.index, g)) for g in given)
 
 
 def adapts(filter: Filter, model: Model) -> bool:
     """Whether a filter, or one of a bank or of several modes, adapts a noise of the model."""
     models = model.models if isinstance(model, SwitchingModel) else (model,)
     filters = filter.modes if isinstance(filter, ModeFilters) else (filter,)
-    return any(update_on(f, m, s).memory is not None for f in filters for m in models for s in m.sensors)
+    found = (f.Q is not None or update_on(f, m, s).memory is not None for f in filters for m in models for s in m.sensors)
+    return any(found)
 
 
 def check_adapted(filter: Filter, model: Model) -> None:
     """Refuse to adapt what cannot be adapted.
 
     Raises:
-        InputError: for modes, a bank, fused sensors, noise inside a sensor, and R without names of what is measured.
+        InputError: for modes, a bank, fused sensors, noise inside functions, names that the model does not have, and R
+            without names of what is measured.
     """
     if not adapts(filter, model):
         return
-    said = f"{filter.name} adapts R"
+    said = f"{filter.name} finds noises as it goes"
     if isinstance(filter, Bank | ModeFilters) or isinstance(model, SwitchingModel):
         raise InputError(
-            f"{said}, and modes or members of a bank would each find another one; adapt with a filter of one belief, or "
-            "let modes differ in their R"
+            f"{said}, and modes or members of a bank would each find another one; take a filter of one belief, or let "
+            "modes differ in their noises"
         )
     if model.fusion is not None:
         raise InputError(f"{said}, which fused sensors share; give the model before it was fused")
+    if filter.Q is not None:
+        if model.noise_inside(None) is not None:
+            raise InputError(f"{said}, and that of the motion is inside its function: give it as Q, or fit it")
+        names = [*map(str, model.deviations), *(() if model.bias is None else map(str, model.bias.names))]
+        for name in (name for group in filter.Q.groups or () for name in group if name not in names):
+            raise InputError(f"groups of an adaptive Q: {unknown('component', name, names)}")
     for sensor in model.sensors:
         if update_on(filter, model, sensor).memory is None:
             continue
@@ -93,36 +121,25 @@ def check_adapted(filter: Filter, model: Model) -> None:
             raise InputError(f"{said}, a number for each component {where}: name them with measurement= in the model")
 
 
-def stretched(L: Matrix, by: jax.Array) -> Matrix:
-    """A factor with its columns multiplied by numbers (m, ...)."""
-    return Diagonal(L.entries * by) if isinstance(L, Diagonal) else L * by[None]
+def R_scales(noises: Noises, known: Any, several: bool) -> Any:
+    """λ (..., m) of what is known of noises (..., k); a dict by sensor where there are several.
 
-
-def adapted(
-    memory: float, taken: Observed, before: jax.Array, seen: jax.Array, omega: bool
-) -> tuple[Observed, jax.Array]:
-    """The measurement with the noise that it makes likely, and λ (m, ...) after it.
-
-    λ is inverse gamma with memory / 2 for its shape, what forgetting a share of 1 / memory leaves of any shape in the
-    end. With ε = Λ^-½ L_r⁻¹ v, G = S_y⁻¹ L_r Λ^½ and e = S_y⁻¹ ν: E[ε_j² | z] = (Gᵀ e)_j² + 1 − |G_j|². Where there is
-    no line missing anything, it is β of Särkkä and Nummenmaa 2009, without forming P or R.
-
-    Args:
-        memory: how many measurements are remembered.
-        taken: with the noise as λ was before it.
-        before: that λ.
-        seen: which components were measured (m, ...).
-        omega: whether the form takes what the line misses for noise.
+    Raises:
+        InputError: where R is the model's.
     """
-    line = taken.line
-    if not omega:
-        line = line._replace(residual=line.residual[:, :0], deficit=line.deficit[:, :0])
-    now, noise = before, taken.noise
-    for _ in range(_SWEEPS):
-        Sy = add(noise_factor(line, noise)[0], line.slope)
-        G = solve_lower(Sy, dense(noise))
-        known = times(G.swapaxes(0, 1), solve_lower(Sy, taken.innovation))
-        squared = now * (known * known + 1 - (G * G).sum(0))
-        now = jnp.where(seen, before + (squared - before) / memory, before)
-        noise = stretched(taken.noise, jnp.sqrt(now / before))
-    return taken._replace(noise=noise), now
+    if not noises.sensors:
+        raise InputError('R is that of the model here: see update="adaptive"')
+    found = {sensor: known[..., a:b] for sensor, a, b in noises.sensors}
+    return found if several else next(iter(found.values()))
+
+
+def Q_scales(noises: Noises, known: Any) -> Any:
+    """The numbers (..., K) by which Q is multiplied, of what is known of noises (..., k).
+
+    Raises:
+        InputError: where Q is the model's.
+    """
+    if not noises.groups:
+        raise InputError('Q is that of the model here: see Q="adaptive" of sigmax.get')
+    logarithms = known[..., noises.logarithms]
+    return np.exp(logarithms) if isinstance(logarithms, np.ndarray) else logarithms.__class__.exp(logarithms)

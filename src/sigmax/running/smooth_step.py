@@ -29,13 +29,14 @@ def back(
     later_fault: Any,
     dt: Any,
     u: Any,
+    stretch: Any = None,
 ) -> tuple[State, Any]:
     """The smoothed state of a step, and its fault (...), from the smoothed state of the step after it.
 
-    `later_fault`, `dt` and `u` are those of the step after it.
+    `later_fault`, `dt` and `u` are those of the step after it, `stretch` as in `step.predict`.
     """
     x, S = filtered
-    new, root, sound = _back(filter, model, noise, x, S, later, dt, u)
+    new, root, sound = _back(filter, model, noise, x, S, later, dt, u, stretch)
     unmoved = (later_fault > 0) & (later_fault <= Fault.PREDICTION_INDEFINITE)
     new, root = (jnp.where(sound, a, b) for a, b in ((new, x), (root, S)))
     # A step whose prediction failed left the state as it was: its smoothed state is the next one's.
@@ -45,14 +46,22 @@ def back(
 
 
 def _back(
-    filter: Filter, model: Model, noise: Matrix | None, x: Any, S: Any, later: tuple[Any, Any], dt: Any, u: Any
+    filter: Filter,
+    model: Model,
+    noise: Matrix | None,
+    x: Any,
+    S: Any,
+    later: tuple[Any, Any],
+    dt: Any,
+    u: Any,
+    stretch: Any,
 ) -> tuple[Any, Any, Any]:
     """One step backwards: x_s = x + C S⁻⁻¹ (x_later − x⁻), S_s = tria[left, C S⁻⁻¹ S_later], less what D takes.
 
     [[L, E], [0, S]] → [[S⁻, 0], [C, left]], L = tria[L_q, N]: C S⁻⁻¹ is the smoother's gain, and left leftᵀ what x⁻
     leaves open of x. P⁻ is neither formed nor inverted.
     """
-    line, Lq, sound = disturbed_motion(filter.predict, model, noise, x, S, dt, u)
+    line, Lq, sound = disturbed_motion(filter.predict, model, noise, x, S, dt, u, stretch)
     line, L = _in_domain(model, line, Lq)
     # Rounding counts as noise: neither a row of E and S nor the mean is better than its last digits.
     rows = jnp.abs(line.slope).sum(1) + jnp.abs(S).sum(1)

@@ -18,7 +18,7 @@ from sigmax.models.noise import Noise
 from sigmax.rules import Taylor1
 from sigmax.rules.charted import linearized
 from sigmax.rules.linearization import Linearization
-from sigmax.running.adapting import adapted, stretched
+from sigmax.running.likely_noise import adapted, stretched
 from sigmax.running.considering import considered, grown
 from sigmax.running.constraining import conditioned
 from sigmax.running.updating import ROUNDING, observing, there, update_on, updated
@@ -121,15 +121,15 @@ class Innovation(NamedTuple):
 
 
 def predict(
-    filter: Filter, model: Model, root: Matrix | None, belief: Belief, dt: jax.Array, u: jax.Array | None
+    filter: Filter, model: Model, root: Matrix | None, belief: Belief, dt: Any, u: Any, stretch: Any = None
 ) -> tuple[Belief, jax.Array]:
     """The belief dt later, and the fault (...) of each member of the batch.
 
-    `root` is `noise_root(model.Q)`.
+    `root` is `noise_root(model.Q)`; the rows of the noise's factor are multiplied by `stretch` (n, ...).
     """
     x, S = belief
     with jax.named_scope("the motion, linearised, and its noise"):
-        line, Lq, noise_sound = disturbed_motion(filter.predict, model, root, x, S, dt, u)
+        line, Lq, noise_sound = disturbed_motion(filter.predict, model, root, x, S, dt, u, stretch)
     with jax.named_scope("the predicted covariance"):
         predicted, widened = _predicted(filter, line, Lq)
     new = _in_domain(model, Belief(line.mean, predicted.factor))
