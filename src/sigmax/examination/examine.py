@@ -17,6 +17,7 @@ from sigmax.examination.variants import RecordData, Runner, Variant
 from sigmax.filters import Bank, Filter, once
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
+from sigmax.running.adapting import adapts
 from sigmax.running.prepare import Prepared, as_filter, prepare
 from sigmax.running.run import steps_given
 from sigmax.running.times import times_of
@@ -93,6 +94,8 @@ def not_examined(model: Any, filter: Filter) -> str:
         return "the doctor examines numbers and angles; attitudes, directions and poses it does not know yet"
     if isinstance(filter, Bank):
         return "the doctor judges by one filter, and a bank has several: give one of its members"
+    if adapts(filter, model):
+        return f"the doctor looks for noises that are wrong, and {filter.name} hides them: give the filter without that"
     return ""
 
 

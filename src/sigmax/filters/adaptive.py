@@ -28,7 +28,9 @@ class AdaptiveQ:
             return
         each = self.groups if isinstance(self.groups, tuple) else None
         if not each or not all(isinstance(g, tuple) and g and all(isinstance(n, str) for n in g) for g in each):
-            raise InputError(f"groups are names of components, such as [('x', 'vx'), ('y', 'vy')]; it is {self.groups!r}")
+            raise InputError(
+                f"groups are names of components, such as [('x', 'vx'), ('y', 'vy')]; it is {self.groups!r}"
+            )
         named = [name for group in each for name in group]
         if len(set(named)) < len(named):
             raise InputError(f"a component belongs to one group of an adaptive Q; these are {self.groups!r}")
@@ -48,7 +50,9 @@ def adaptive_Q(memory: float = 100.0, groups: Sequence[Sequence[str]] | None = N
         try:
             groups = tuple((g,) if isinstance(g, str) else tuple(map(str, g)) for g in groups)
         except TypeError:
-            raise InputError(f"groups are names of components, such as [('x', 'vx'), ('y', 'vy')]; it is {groups!r}") from None
+            raise InputError(
+                f"groups are names of components, such as [('x', 'vx'), ('y', 'vy')]; it is {groups!r}"
+            ) from None
     return AdaptiveQ(memory, groups)
 
 

@@ -126,7 +126,8 @@ def get(
     An update is one such as `iterated(5)`, or its name, or a dict of them by sensor; without one it is that of the
     catalogue. With members it is a bank of such filters, see `bank`. Components of state or bias that it is to
     `consider` are those that no measurement changes, while what is not known of them counts (Schmidt 1966).
-    With Q="adaptive" or `adaptive_Q(…)` the noise of the motion is found as the filter goes, as R with update="adaptive".
+    With Q="adaptive", or `adaptive_Q(…)`, the noise of the motion is found as the filter goes; R is with the update
+    "adaptive".
 
     Raises:
         InputError: for a name or a parameter that is not known, with the nearest ones that are.

@@ -2,10 +2,12 @@
 
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Bank, Filter, ModeFilters
+from sigmax.models.checks import is_traced
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
 from sigmax.running.updating import update_on
@@ -27,12 +29,14 @@ class Noises(NamedTuple):
         points: numbers of the mean.
         n: rows of the factor.
         groups: rows of the factor of Q that share a number; none where Q is the model's.
+        names: of all λ, then of the numbers of Q, as columns of tables have them.
     """
 
     sensors: tuple[tuple[str, int, int], ...] = ()
     points: int = 0
     n: int = 0
     groups: tuple[tuple[int, ...], ...] = ()
+    names: tuple[str, ...] = ()
 
     @property
     def each(self) -> int:
@@ -63,28 +67,36 @@ def adapted_noises(filter: Filter, model: Model) -> Noises:
     """The noises that a filter adapts on a model of one mode, its bias written into its state."""
     if isinstance(filter, Bank | ModeFilters) or isinstance(model, SwitchingModel):
         return Noises()
-    sensors, at = [], 0
+    sensors, names, at = [], [], 0
     for sensor in model.sensors:
         if update_on(filter, model, sensor).memory is not None:
-            size = model.measured_space(sensor, len(model.measurement[sensor] or ())).dim
+            measured = list(map(str, model.measurement[sensor] or ()))
+            size = model.measured_space(sensor, len(measured)).dim
+            each = measured if len(measured) == size else list(map(str, range(size)))
+            names += [f"R_scale_{sensor}_{name}" if model.several else f"R_scale_{name}" for name in each]
             sensors.append((sensor, at, at + size))
             at += size
-    return Noises(tuple(sensors), model.space.size, model.space.dim, _groups(filter, model))
+    return Noises(tuple(sensors), model.space.size, model.space.dim, *_groups(filter, model, names))
 
 
-def _groups(filter: Filter, model: Model) -> tuple[tuple[int, ...], ...]:
+def _groups(filter: Filter, model: Model, names: list[str]) -> tuple[tuple[tuple[int, ...], ...], tuple[str, ...]]:
+    """The rows of each group of Q, and names with theirs behind them."""
     if filter.Q is None:
-        return ()
-    names = list(map(str, model.deviations))
-    given = filter.Q.groups
-    return (tuple(range(len(names))),) if given is None else tuple(tuple(map(names.index, g)) for g in given)
+        return (), tuple(names)
+    components = list(map(str, model.deviations))
+    if filter.Q.groups is None:
+        return (tuple(range(len(components))),), (*names, "Q_scale")
+    rows = tuple(tuple(map(components.index, group)) for group in filter.Q.groups)
+    return rows, (*names, *(f"Q_scale_{'_'.join(group)}" for group in filter.Q.groups))
 
 
 def adapts(filter: Filter, model: Model) -> bool:
     """Whether a filter, or one of a bank or of several modes, adapts a noise of the model."""
     models = model.models if isinstance(model, SwitchingModel) else (model,)
     filters = filter.modes if isinstance(filter, ModeFilters) else (filter,)
-    found = (f.Q is not None or update_on(f, m, s).memory is not None for f in filters for m in models for s in m.sensors)
+    found = (
+        f.Q is not None or update_on(f, m, s).memory is not None for f in filters for m in models for s in m.sensors
+    )
     return any(found)
 
 
@@ -133,6 +145,13 @@ def R_scales(noises: Noises, known: Any, several: bool) -> Any:
     return found if several else next(iter(found.values()))
 
 
+def scales(noises: Noises, known: Any) -> dict[str, Any]:
+    """All numbers (...) by which noises are multiplied, by the name of their column, of what is known (..., k)."""
+    each = [known[..., i] for i in range(noises.first)]
+    each += [np.exp(known[..., i]) for i in noises.logarithms]
+    return dict(zip(noises.names, each, strict=True))
+
+
 def Q_scales(noises: Noises, known: Any) -> Any:
     """The numbers (..., K) by which Q is multiplied, of what is known of noises (..., k).
 
@@ -141,5 +160,5 @@ def Q_scales(noises: Noises, known: Any) -> Any:
     """
     if not noises.groups:
         raise InputError('Q is that of the model here: see Q="adaptive" of sigmax.get')
-    logarithms = known[..., noises.logarithms]
-    return np.exp(logarithms) if isinstance(logarithms, np.ndarray) else logarithms.__class__.exp(logarithms)
+    array: Any = jnp if is_traced(known) else np
+    return array.exp(known[..., np.array(noises.logarithms)])

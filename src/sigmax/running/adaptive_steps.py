@@ -1,5 +1,6 @@
 """Half-steps of a filter that finds noises as it goes: what it knows of them is part of its belief."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -28,6 +29,7 @@ class AdaptiveSteps:
     def __init__(self, filter: Filter, model: Model) -> None:
         self.filter, self.model, self.root = filter, model, noise_root(model.Q)
         self.noises = adapted_noises(filter, model)
+        self._memory = math.inf if filter.Q is None else filter.Q.memory
 
     def begin(self, mean: Any, cov: Any) -> tuple[Adapted, Any]:
         """The belief of a prior, noises as the model has them, and whether it is one (...)."""
@@ -47,7 +49,7 @@ class AdaptiveSteps:
         logarithms = [f.logarithm for f in found]
         new, fault, slopes = _with_slopes(moved, Belief(*belief[:2]), logarithms, found)
         known = [f._replace(mean=s.mean, factor=s.factor) for f, s in zip(found, slopes, strict=True)]
-        return Adapted(*new, self._known(belief.known, known)), fault
+        return Adapted(new.mean, new.factor, self._known(belief.known, known)), fault
 
     def correct(self, sensor: str, R: Any, belief: Adapted, z: Any, u: Any) -> tuple[Adapted, Innovation, Any]:
         """The belief after a measurement z (m, ...), what it said, and the fault."""
@@ -63,10 +65,12 @@ class AdaptiveSteps:
         made, (said, fault, after), slopes = _with_slopes(corrected, Belief(*belief[:2]), [], found)
         new, known = made[0], []
         for f, (moved, told) in zip(found, slopes, strict=True):
-            logarithm, information = likelier(f, self.filter.Q.memory, said, told, said.dof > 0)
+            logarithm, information = likelier(f, self._memory, said, told, said.dof > 0)
             known.append(Found(logarithm, information, moved.mean, moved.factor))
-        kept = belief.known if at is None else jnp.concatenate([belief.known[: at.start], after, belief.known[at.stop :]])
-        return Adapted(*new, self._known(kept, known)), said, fault
+        kept = (
+            belief.known if at is None else jnp.concatenate([belief.known[: at.start], after, belief.known[at.stop :]])
+        )
+        return Adapted(new.mean, new.factor, self._known(kept, known)), said, fault
 
     def back(self, filtered: Adapted, later: Adapted, later_fault: Any, dt: Any, u: Any) -> tuple[Adapted, Any]:
         """The smoothed belief of a step, and its fault; what is known of noises stays what the filter knew."""

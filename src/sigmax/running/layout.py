@@ -6,6 +6,7 @@ from sigmax.filters import Weight
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
 from sigmax.models.units import Units
+from sigmax.running.adapting import Noises
 from sigmax.spaces import Space
 
 
@@ -25,6 +26,7 @@ class Layout(NamedTuple):
         filter: the name of the filter.
         named_deviations: names of the deviations of the state.
         units: of all components, by name.
+        noises: those that the filter finds as it goes.
         dated: whether stored times are instants: nanoseconds since 1970 rather than seconds.
     """
 
@@ -40,6 +42,7 @@ class Layout(NamedTuple):
     filter: str = ""
     named_deviations: tuple[str, ...] = ()
     units: Units = ()
+    noises: Noises = Noises()
     dated: bool = False
 
     @classmethod

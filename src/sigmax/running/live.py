@@ -12,6 +12,7 @@ from sigmax.filters import Filter
 from sigmax.models.fusion import Fused
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, check_flat
+from sigmax.running.adapting import adapted_noises
 from sigmax.running.cautions import warn_before
 from sigmax.running.clocked_engine import ClockedEngine
 from sigmax.running.covariances import covariances
@@ -78,7 +79,8 @@ class Live(LiveEstimate):
             if duration("lag", lag):
                 check_smoothed(own)
         layout = Layout.of(now, prior.mean.ndim == 2, self.filter.form.bias_first)
-        self.layout = layout = layout._replace(filter=self._asked[0].name)
+        noises = adapted_noises(self.filter, model)
+        self.layout = layout = layout._replace(filter=self._asked[0].name, noises=noises)
         self._biased, self._numbers, self._deviations = bool(layout.bias), layout.numbers, layout.deviations
         self.apart = model  # its sensors, where they are fused
         members, model = Members.of(model)

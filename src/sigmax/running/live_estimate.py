@@ -8,11 +8,12 @@ from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
+from sigmax.running.adapting import Q_scales, R_scales, scales
 from sigmax.running.clocked_engine import ClockedEngine
 from sigmax.running.covariances import Moments
 from sigmax.running.layout import Layout
 from sigmax.running.live_native import NativeState
-from sigmax.running.presentation import estimates, probabilities
+from sigmax.running.presentation import estimates, noises_found, probabilities
 from sigmax.running.step import Fault
 from sigmax.running.times import since
 from sigmax.views import words
@@ -95,6 +96,21 @@ class LiveEstimate:
         return np.exp(np.asarray(self.belief.log_weight)).T
 
     @property
+    def R_scale(self) -> Any:
+        """The numbers (m,) or (B, m) by which the variances of R are multiplied, see `Smoothed.R_scale`."""
+        return R_scales(self.layout.noises, self._known, self.layout.several)
+
+    @property
+    def Q_scale(self) -> np.ndarray:
+        """The numbers (K,) or (B, K) by which the variances of Q are multiplied, see `Smoothed.Q_scale`."""
+        scales: np.ndarray = Q_scales(self.layout.noises, self._known)
+        return scales
+
+    @property
+    def _known(self) -> Any:
+        return np.asarray(self.belief.known).T if self.layout.noises.size else None
+
+    @property
     def belief(self) -> Any:
         """Mean and factor of state and bias together, batch last."""
         return self._clocked.still.belief
@@ -124,5 +140,7 @@ class LiveEstimate:
         rows = [("time", str(self.time) if self._zero is not None else f"{self.time:g} s")]
         rows += [("tracks", f"{len(mean):,}, the first:")] if self._batched else []
         rows += [probabilities(self.layout.modes, self.probability[first])] if self.layout.modes else []
+        noises = self.layout.noises
+        rows += [noises_found(scales(noises, self._known[first]))] if noises.size else []
         rows += estimates(self.layout, mean[first], np.sqrt((S * S).sum(-1)))
         return words.text(title, rows)

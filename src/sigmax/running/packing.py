@@ -105,9 +105,7 @@ class Packing(NamedTuple):
 
     def _each(self, arrays: list[Any]) -> list[tuple["Packing", Any, Any]]:
         """Each mean and factor with its packing."""
-        return list(
-            zip((self, *self.members), arrays[: self.length - bool(self.tail) : 2], arrays[1::2], strict=True)
-        )
+        return list(zip((self, *self.members), arrays[: self.length - bool(self.tail) : 2], arrays[1::2], strict=True))
 
     def unpacked(self, rows: np.ndarray) -> Any:
         """Rows (B, size) as a belief, batch last."""

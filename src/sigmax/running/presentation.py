@@ -1,7 +1,7 @@
 """Results in words, and as what tables and pictures take."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced
+from sigmax.running.adapting import scales
 from sigmax.running.step import Fault
 from sigmax.spaces import Flat, Space
 from sigmax.views import words
@@ -47,7 +48,9 @@ def series(result: Any, track: int | None = None) -> Series:
         spread = deviations if track is None or layout.space.flat else _spread(result, laid, bias, deviations)
     steps = {name: getattr(result, f"stored_{name}", None) for name in ("nis", "count", "log_likelihood", "fault")}
     renamed = {"count": "dof"}
-    modes = {}
+    modes, noises = {}, {}
+    if layout.noises.size and result.stored_modes is not None:
+        noises = scales(layout.noises, laid(result.stored_modes))
     if layout.modes and result.stored_modes is not None:
         modes = dict(_by_name(layout.modes, laid(result.probability)))
     return Series(
@@ -62,6 +65,7 @@ def series(result: Any, track: int | None = None) -> Series:
         steps={renamed.get(name, name): laid(a) for name, a in steps.items() if a is not None},
         modes=modes,
         units=dict(layout.units),
+        noises=noises,
     )
 
 
@@ -202,6 +206,8 @@ def _last(result: Any) -> words.Rows:
     modes: words.Rows = []
     if layout.modes and result.stored_modes is not None:
         modes = [probabilities(layout.modes, np.exp(np.asarray(result.stored_modes[at])[-len(layout.modes) :]))]
+    if layout.noises.size and result.stored_modes is not None:
+        modes = [noises_found(scales(layout.noises, np.asarray(result.stored_modes[at])))]
     said = "of track 0" if layout.batched else "± one standard deviation"
     return [*modes, ("last state", said), *estimates(layout, np.asarray(mean[at]), std)]
 
@@ -209,6 +215,11 @@ def _last(result: Any) -> words.Rows:
 def probabilities(modes: Sequence[str], p: np.ndarray) -> tuple[str, str]:
     """A line of the probabilities of modes (M,)."""
     return "modes", ", ".join(f"{name} {v:.3g}" for name, v in zip(modes, p, strict=True))
+
+
+def noises_found(found: Mapping[str, Any]) -> tuple[str, str]:
+    """A line of the numbers by which variances of noises are multiplied, by name."""
+    return "noises", ", ".join(f"{name} {float(v):.3g}" for name, v in found.items())
 
 
 def estimates(layout: Any, mean: np.ndarray, std: np.ndarray | None) -> words.Rows:

@@ -66,8 +66,8 @@ class RowSteps:
         check_named(self.filter, model)
         if adapts(self.filter, model):
             raise InputError(
-                f"{self.filter.name} adapts R, and rows, which trackers mix and Stone Soup keeps as mean and covariance, "
-                "do not carry what it knows of it: take a filter without update=adaptive"
+                f"{self.filter.name} finds noises as it goes. Trackers, which mix beliefs, and Stone Soup, which keeps "
+                "mean and covariance, do not carry what it knows of them: take a filter without adaptive noises"
             )
         check_shapes(model, None, counted(model), self.dtype)
         if model.bias is not None:

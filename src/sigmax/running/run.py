@@ -12,6 +12,7 @@ from sigmax.models.checks import is_traced, strings
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.running import native_engine, xla_engine
+from sigmax.running.adapting import adapted_noises
 from sigmax.running.backend import attempt
 from sigmax.running.fusing import how, with_members
 from sigmax.running.prepare import Prepared, as_filter, prepare
@@ -87,6 +88,7 @@ def run(
     layout = ready.layout._replace(
         filter=chosen.name,
         dated=times is not None and times.dated,
+        noises=adapted_noises(ready.filter, ready.model),
         weights=tuple((s, update_on(ready.filter, ready.model, s).weight) for s in each),
     )
     if ready.fused is not None:

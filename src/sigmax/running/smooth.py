@@ -13,6 +13,7 @@ from sigmax.models.augment import augment
 from sigmax.models.checks import is_traced
 from sigmax.models.model import Model
 from sigmax.running import native_engine
+from sigmax.running.adapting import adapted_noises
 from sigmax.running.backend import attempt
 from sigmax.running.current import current_model
 from sigmax.running.half_steps import back_steps
@@ -65,6 +66,9 @@ def smooth(
     kept = result.kept()
     dtype = kept[0].dtype
     check_layout(model, result.layout, chosen.form.bias_first)
+    joint = augment(model, chosen.form.bias_first)
+    if adapted_noises(chosen, joint) != result.layout.noises:
+        raise InputError(f"{chosen.name} is not the filter of the run: other noises are found as it goes")
     steps = kept[0].shape[-2]
     asked = times_of(t, None) if dt is None else dt
     elapsed, u = laid_out_steps(
@@ -74,7 +78,7 @@ def smooth(
         _check_same("dt" if t is None else "t", elapsed, result.stored_dt, 1)
     if inputs is not None:
         _check_same("inputs", u, result.stored_inputs, 2)
-    model = cast(augment(model, chosen.form.bias_first), dtype)
+    model = cast(joint, dtype)
     traced = is_traced((kept, model, elapsed, u))
     made = backwards(chosen, model, kept, elapsed, u, result.layout.batched, traced, backend)
     return Smoothed(result.layout, *made, stored_dt=result.stored_dt, stored_time=result.stored_time)

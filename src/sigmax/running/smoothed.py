@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from sigmax.errors import InputError
 from sigmax.models.checks import by_name, is_traced, numbers
 from sigmax.running import presentation
+from sigmax.running.adapting import Q_scales, R_scales
 from sigmax.running.covariances import covariances, lower_inverse
 from sigmax.running.layout import Layout
 from sigmax.running.presentation import series
@@ -146,6 +147,30 @@ class Smoothed:
         return self._array().exp(self._out(self.stored_modes, "modes")[..., -len(self.modes) :])
 
     @property
+    def R_scale(self) -> Any:
+        """What a filter with `update="adaptive"` multiplied the variances of R by after each step (…, T, m).
+
+        A dict by sensor where the model has several. Of a correlated R those of its whitened components. Smoothed
+        estimates have what the filter knew.
+
+        Raises:
+            InputError: where R is the model's, or "modes", which holds them, was not kept.
+        """
+        return R_scales(self.layout.noises, self._known(), self.layout.several)
+
+    @property
+    def Q_scale(self) -> Any:
+        """What a filter with `Q="adaptive"` multiplied the variances of Q by after each step (…, T, K), by group.
+
+        Raises:
+            InputError: where Q is the model's, or "modes", which holds them, was not kept.
+        """
+        return Q_scales(self.layout.noises, self._known())
+
+    def _known(self) -> Any:
+        return self._out(self.stored_modes, "modes, which holds noises,") if self.layout.noises.size else None
+
+    @property
     def dt(self) -> Any:
         """Seconds of each step (…, T), as the run took them: kept where mean, factor and fault are, for `smooth`."""
         return self._out(self.stored_dt, "dt, which comes with mean, factor and fault,")
@@ -168,7 +193,7 @@ class Smoothed:
 
     def kept(self) -> tuple[Any, Any, Any, Any]:
         """Means, factors, faults and modes of state and bias together, as an engine laid them out."""
-        modes = self._out(self.stored_modes, "modes") if self.modes else None
+        modes = self._out(self.stored_modes, "modes") if self.modes else self._known()
         return self._out(self.stored_mean, "mean"), self._out(self.stored_factor, "factor"), self.fault, modes
 
     @property

@@ -18,9 +18,9 @@ from sigmax.models.noise import Noise
 from sigmax.rules import Taylor1
 from sigmax.rules.charted import linearized
 from sigmax.rules.linearization import Linearization
-from sigmax.running.likely_noise import adapted, stretched
 from sigmax.running.considering import considered, grown
 from sigmax.running.constraining import conditioned
+from sigmax.running.likely_noise import adapted, stretched
 from sigmax.running.updating import ROUNDING, observing, there, update_on, updated
 from sigmax.spaces import reset
 

@@ -63,7 +63,7 @@ class Panel(NamedTuple):
 
 
 def panels(series: Series, path: Sequence[str] | None, judged: bool, points: int = 1500) -> list[Panel]:
-    """The path, each component with ±2σ, the NIS, the probabilities of the modes, of a series of one track.
+    """The path, each component with ±2σ, the NIS, probabilities of modes, found noises, of a series of one track.
 
     Args:
         series: the estimates.
@@ -89,6 +89,10 @@ def panels(series: Series, path: Sequence[str] | None, judged: bool, points: int
     if series.modes:
         lines = tuple(Line(name, time[at], p[0][at]) for name, p in series.modes.items() for at in [thin(p[0], points)])
         found.append(Panel(title, "probability", lines, (-0.02, 1.02)))
+    if series.noises:
+        each = [(name, s[0], thin(np.log(s[0]), points)) for name, s in series.noises.items()]
+        lines = tuple(Line(name, time[at], s[at]) for name, s, at in each)
+        found.append(Panel(title, "variances of noises, times", lines, log=True))
     return found
 
 

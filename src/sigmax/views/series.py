@@ -23,6 +23,7 @@ class Series(NamedTuple):
         steps: by name what else there is of each step (B, T): nis, dof, log_likelihood, fault.
         modes: probabilities (B, T) by mode.
         units: by name of a number or deviation, empty where they are not known.
+        noises: what variances of noises were multiplied by (B, T), by the name of their column.
     """
 
     title: str
@@ -36,6 +37,7 @@ class Series(NamedTuple):
     steps: Mapping[str, np.ndarray]
     modes: Mapping[str, np.ndarray]
     units: Mapping[str, str]
+    noises: Mapping[str, np.ndarray]
 
     def columns(self) -> dict[str, tuple[np.ndarray, str]]:
         """All there is by step (B, T), with its unit, by the name of its column.
@@ -48,7 +50,7 @@ class Series(NamedTuple):
             *((name, (v, known(name, ""))) for name, v in self.numbers.items()),
             *((f"{name}_std", (v, known(name, ""))) for name, v in self.deviations.items()),
             *((f"probability_{name}", (v, "")) for name, v in self.modes.items()),
-            *((name, (v, "")) for name, v in self.steps.items()),
+            *((name, (v, "")) for name, v in (*self.noises.items(), *self.steps.items())),
         ]
         names = ["track", "time", *(name for name, _ in pairs)]
         twice = {name for name in names if names.count(name) > 1}
