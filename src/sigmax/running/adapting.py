@@ -2,12 +2,10 @@
 
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Bank, Filter, ModeFilters
-from sigmax.models.checks import is_traced
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
 from sigmax.running.updating import update_on
@@ -133,32 +131,8 @@ def check_adapted(filter: Filter, model: Model) -> None:
             raise InputError(f"{said}, a number for each component {where}: name them with measurement= in the model")
 
 
-def R_scales(noises: Noises, known: Any, several: bool) -> Any:
-    """λ (..., m) of what is known of noises (..., k); a dict by sensor where there are several.
-
-    Raises:
-        InputError: where R is the model's.
-    """
-    if not noises.sensors:
-        raise InputError('R is that of the model here: see update="adaptive"')
-    found = {sensor: known[..., a:b] for sensor, a, b in noises.sensors}
-    return found if several else next(iter(found.values()))
-
-
 def scales(noises: Noises, known: Any) -> dict[str, Any]:
     """All numbers (...) by which noises are multiplied, by the name of their column, of what is known (..., k)."""
     each = [known[..., i] for i in range(noises.first)]
     each += [np.exp(known[..., i]) for i in noises.logarithms]
     return dict(zip(noises.names, each, strict=True))
-
-
-def Q_scales(noises: Noises, known: Any) -> Any:
-    """The numbers (..., K) by which Q is multiplied, of what is known of noises (..., k).
-
-    Raises:
-        InputError: where Q is the model's.
-    """
-    if not noises.groups:
-        raise InputError('Q is that of the model here: see Q="adaptive" of sigmax.get')
-    array: Any = jnp if is_traced(known) else np
-    return array.exp(known[..., np.array(noises.logarithms)])

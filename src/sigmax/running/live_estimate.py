@@ -8,9 +8,10 @@ from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
-from sigmax.running.adapting import Q_scales, R_scales, scales
+from sigmax.running.adapting import scales
 from sigmax.running.clocked_engine import ClockedEngine
 from sigmax.running.covariances import Moments
+from sigmax.running.found_noises import FoundNoises
 from sigmax.running.layout import Layout
 from sigmax.running.live_native import NativeState
 from sigmax.running.presentation import estimates, noises_found, probabilities
@@ -19,7 +20,7 @@ from sigmax.running.times import since
 from sigmax.views import words
 
 
-class LiveEstimate:
+class LiveEstimate(FoundNoises):
     """The estimate of a live filter, to be read between its calls."""
 
     filter: Filter
@@ -95,19 +96,8 @@ class LiveEstimate:
             raise InputError("this model has no modes: see sigmax.imm")
         return np.exp(np.asarray(self.belief.log_weight)).T
 
-    @property
-    def R_scale(self) -> Any:
-        """The numbers (m,) or (B, m) by which the variances of R are multiplied, see `Smoothed.R_scale`."""
-        return R_scales(self.layout.noises, self._known, self.layout.several)
-
-    @property
-    def Q_scale(self) -> np.ndarray:
-        """The numbers (K,) or (B, K) by which the variances of Q are multiplied, see `Smoothed.Q_scale`."""
-        scales: np.ndarray = Q_scales(self.layout.noises, self._known)
-        return scales
-
-    @property
-    def _known(self) -> Any:
+    def known_noises(self) -> Any:
+        """What is known of noises that the filter finds (k,) or (B, k), None where it finds none."""
         return np.asarray(self.belief.known).T if self.layout.noises.size else None
 
     @property
@@ -141,6 +131,6 @@ class LiveEstimate:
         rows += [("tracks", f"{len(mean):,}, the first:")] if self._batched else []
         rows += [probabilities(self.layout.modes, self.probability[first])] if self.layout.modes else []
         noises = self.layout.noises
-        rows += [noises_found(scales(noises, self._known[first]))] if noises.size else []
+        rows += [noises_found(scales(noises, self.known_noises()[first]))] if noises.size else []
         rows += estimates(self.layout, mean[first], np.sqrt((S * S).sum(-1)))
         return words.text(title, rows)

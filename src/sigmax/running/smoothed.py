@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from sigmax.errors import InputError
 from sigmax.models.checks import by_name, is_traced, numbers
 from sigmax.running import presentation
-from sigmax.running.adapting import Q_scales, R_scales
 from sigmax.running.covariances import covariances, lower_inverse
+from sigmax.running.found_noises import FoundNoises
 from sigmax.running.layout import Layout
 from sigmax.running.presentation import series
 from sigmax.running.step import Fault
@@ -27,7 +27,7 @@ from sigmax.views.panels import panels
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, repr=False)
-class Smoothed:
+class Smoothed(FoundNoises):
     """Means and covariances over time; the batch, where there is one, comes first.
 
     Arrays are NumPy arrays, or JAX arrays while being traced. Printed it says in a few lines what came out, in a
@@ -146,28 +146,8 @@ class Smoothed:
             raise InputError("this model has no modes: see sigmax.imm")
         return self._array().exp(self._out(self.stored_modes, "modes")[..., -len(self.modes) :])
 
-    @property
-    def R_scale(self) -> Any:
-        """What a filter with `update="adaptive"` multiplied the variances of R by after each step (…, T, m).
-
-        A dict by sensor where the model has several. Of a correlated R those of its whitened components. Smoothed
-        estimates have what the filter knew.
-
-        Raises:
-            InputError: where R is the model's, or "modes", which holds them, was not kept.
-        """
-        return R_scales(self.layout.noises, self._known(), self.layout.several)
-
-    @property
-    def Q_scale(self) -> Any:
-        """What a filter with `Q="adaptive"` multiplied the variances of Q by after each step (…, T, K), by group.
-
-        Raises:
-            InputError: where Q is the model's, or "modes", which holds them, was not kept.
-        """
-        return Q_scales(self.layout.noises, self._known())
-
-    def _known(self) -> Any:
+    def known_noises(self) -> Any:
+        """What was stored of noises that the filter found (…, T, k), None where it found none."""
         return self._out(self.stored_modes, "modes, which holds noises,") if self.layout.noises.size else None
 
     @property
@@ -178,9 +158,7 @@ class Smoothed:
     @property
     def time(self) -> Any:
         """The time of each step (…, T): t as given, datetime64 in UTC of instants, else the seconds since the prior."""
-        if self.stored_time is not None:
-            return shown(self.stored_time, self.layout.dated)
-        return self.dt.cumsum(-1)
+        return self.dt.cumsum(-1) if self.stored_time is None else shown(self.stored_time, self.layout.dated)
 
     def joint(self) -> tuple[Any, Any]:
         """Means (…, T, n + p) and lower factors of state and bias together, the state first."""
@@ -193,7 +171,7 @@ class Smoothed:
 
     def kept(self) -> tuple[Any, Any, Any, Any]:
         """Means, factors, faults and modes of state and bias together, as an engine laid them out."""
-        modes = self._out(self.stored_modes, "modes") if self.modes else self._known()
+        modes = self._out(self.stored_modes, "modes") if self.modes else self.known_noises()
         return self._out(self.stored_mean, "mean"), self._out(self.stored_factor, "factor"), self.fault, modes
 
     @property

@@ -21,6 +21,7 @@ from sigmax.rules.linearization import Linearization
 from sigmax.running.considering import considered, grown
 from sigmax.running.constraining import conditioned
 from sigmax.running.likely_noise import adapted, stretched
+from sigmax.running.soundness import finite, first, kept
 from sigmax.running.updating import ROUNDING, observing, there, update_on, updated
 from sigmax.spaces import reset
 
@@ -135,14 +136,14 @@ def predict(
     new = _in_domain(model, Belief(line.mean, predicted.factor))
     mean, factor, agreed = conditioned(filter, model, *new)
     with jax.named_scope("is it sound?"):
-        fault = _first(
-            (~_finite(line.mean, line.slope, line.residual), Fault.MOTION_NOT_FINITE),
+        fault = first(
+            (~finite(line.mean, line.slope, line.residual), Fault.MOTION_NOT_FINITE),
             (~noise_sound, Fault.MOTION_NOISE_INDEFINITE),
-            (~(predicted.sound & _finite(new.mean, new.factor)), Fault.PREDICTION_INDEFINITE),
+            (~(predicted.sound & finite(new.mean, new.factor)), Fault.PREDICTION_INDEFINITE),
             (widened, Fault.PREDICTION_WIDENED),
             (~agreed, Fault.CONSTRAINT_LEFT_OUT),
         )
-        return _keep(fault <= 0, Belief(mean, factor), belief), fault
+        return kept(fault <= 0, Belief(mean, factor), belief), fault
 
 
 class Corrected(NamedTuple):
@@ -185,9 +186,9 @@ def corrected(
         Lr = Lr if scale is None else stretched(Lr, jnp.where(seen, jnp.sqrt(scale), 1))
     observe = observing(filter, model, sensor, Lr, x, S, z, u)
     with jax.named_scope("the sensor, linearised"):
-        first = observe()
+        observed = observe()
     with jax.named_scope("the update"):
-        taken, whitened, Sy, weighed = updated(filter, update, observe, first, count)
+        taken, whitened, Sy, weighed = updated(filter, update, observe, observed, count)
         after = scale
         if scale is not None:
             assert update.memory is not None
@@ -203,9 +204,9 @@ def corrected(
     new = _in_domain(model, Belief(space.add(x, done.shift), factor))
     nis = (whitened**2).sum(0)
     variances = diagonal(done.innovation_factor)
-    sound = done.sound & (variances > 0).all(0) & _finite(new.mean, new.factor) & jnp.isfinite(nis)
-    fault = _first(
-        (~_finite(first.innovation, first.line.slope, first.line.residual), Fault.SENSOR_NOT_FINITE),
+    sound = done.sound & (variances > 0).all(0) & finite(new.mean, new.factor) & jnp.isfinite(nis)
+    fault = first(
+        (~finite(observed.innovation, observed.line.slope, observed.line.residual), Fault.SENSOR_NOT_FINITE),
         (~noise_sound, Fault.SENSOR_NOISE_INDEFINITE),
         (~sound, Fault.CORRECTION_INDEFINITE),
         (taken.widened, Fault.CORRECTION_WIDENED),
@@ -221,7 +222,7 @@ def corrected(
     volume = jnp.log(jnp.where(variances > 0, variances, 1)).sum(0)
     used = heard if weighed is None else heard & (weighed.weights > 0).all(0)
     told = Innovation(
-        residual=jnp.where(seen, first.innovation, jnp.nan),
+        residual=jnp.where(seen, observed.innovation, jnp.nan),
         factor=jnp.where(count > 0, Sy, 0),
         nis=jnp.where(used, nis, jnp.nan),
         log_likelihood=jnp.where(heard, density - volume, 0),
@@ -230,9 +231,8 @@ def corrected(
     if weighed is not None:
         # What is refused widens the belief, so that a filter that is wrong cannot refuse for ever.
         belief = belief._replace(factor=grown(filter, model, S, jnp.where(heard & ~used, weighed.growth, 1)))
-    kept = _keep(used, new, belief)
     after = None if scale is None else jnp.where(used, after, scale)
-    return Corrected(kept, told, jnp.where(count > 0, fault, 0), after)
+    return Corrected(kept(used, new, belief), told, jnp.where(count > 0, fault, 0), after)
 
 
 def later(fault: jax.Array, then: jax.Array) -> jax.Array:
@@ -258,27 +258,3 @@ def _in_domain(model: Model, belief: Belief) -> Belief:
     space = model.space
     line = linearized(Taylor1(), function, belief.mean, belief.factor, space, space)
     return Belief(line.mean, tria(line.slope))
-
-
-def _finite(*arrays: jax.Array) -> jax.Array:
-    """Whether all the numbers of each member of the batch are finite: a sum carries NaN and infinity on."""
-    total = sum((a.sum(tuple(range(_core(a, arrays[0])))) for a in arrays[1:]), start=arrays[0].sum(0))
-    return jnp.isfinite(total)
-
-
-def _core(a: jax.Array, vector: jax.Array) -> int:
-    return a.ndim - (vector.ndim - 1)
-
-
-def _first(*causes: tuple[jax.Array, Fault]) -> jax.Array:
-    fault = jnp.zeros(causes[0][0].shape, jnp.int8)
-    for failed, cause in reversed(causes):
-        fault = jnp.where(failed, jnp.int8(cause), fault)
-    return fault
-
-
-def _keep(accept: jax.Array, new: Belief, old: Belief) -> Belief:
-    # XLA repeats cheap operations in every entry that reads them, and the whole chain of checks is cheap
-    # one by one. A square root counts as costly: with it the checks are made once for each track.
-    accept = jnp.sqrt(jnp.where(accept, 1.0, 0.0)) > 0.5
-    return jax.tree.map(lambda a, b: jnp.where(accept, a, b), new, old)
