@@ -8,10 +8,10 @@ import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.models import Bias, Gaussian
-from sigmax.models.noise import takes
+from sigmax.models.noise import arrays_of, takes
 from sigmax.records.description import BiasPart
 from sigmax.records.sensor import Sensing
-from sigmax.records.units import ANGLE, NUMBER, Dimension, quantity
+from sigmax.records.units import ANGLE, NUMBER, Dimension, is_below, quantity
 
 
 class Effect(NamedTuple):
@@ -97,9 +97,9 @@ def read_bias(
             raise InputError(f"{where}: one component of a bias is one quantity, but {said}; make one of each")
         found.append(next(iter(kinds.values())))
     given = [(f"bias.{name}", part, d) for (name, part), d in zip(parts.items(), found, strict=True)]
-    mean = np.array([quantity(part.mean, d, f"{where}.mean") for where, part, d in given])
+    mean = _together([quantity(part.mean, d, f"{where}.mean") for where, part, d in given])
     deviation, noise = (
-        np.array([_not_negative(getattr(part, key), d, f"{where}.{key}") for where, part, d in given])
+        _together([_not_negative(getattr(part, key), d, f"{where}.{key}") for where, part, d in given])
         for key in ("std", "noise")
     )
     used = {s: e for s, e in effects.items() if e.added.any() or e.scaled.any()}
@@ -127,9 +127,14 @@ def _places(given: Mapping[str, list[str]], sensings: Mapping[str, Sensing], whe
     return made
 
 
-def _not_negative(given: Any, dimension: Dimension, where: str) -> float:
+def _together(values: list[Any]) -> Any:
+    """Numbers as an array, of JAX where one of them is fitted."""
+    return arrays_of(values).asarray(values)
+
+
+def _not_negative(given: Any, dimension: Dimension, where: str) -> Any:
     value = quantity(given, dimension, where)
-    if value < 0:
+    if is_below(value, 0):
         raise InputError(f"{where}: a standard deviation must not be negative; it is {given!r}")
     return value
 

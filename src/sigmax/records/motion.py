@@ -16,6 +16,7 @@ from sigmax.records.units import (
     TIME,
     TURN_RATE,
     Dimension,
+    is_below,
     parse_unit,
     quantity,
 )
@@ -103,7 +104,7 @@ def read_motion(part: MotionPart, where: str, functions: Functions) -> Moving:
             raise InputError(f"{where}.axes: {part.kind} cannot have the axes {part.axes}")
     if part.tau is not None:
         options["tau"] = quantity(part.tau, TIME, f"{where}.tau")
-        if not options["tau"] > 0:
+        if is_below(options["tau"], 0, least=True):
             raise InputError(f"{where}.tau must be above 0; it is {part.tau!r}")
     made: Motion = getattr(motions, part.kind)(**options)
     wanted = _NOISE[part.kind]
@@ -128,7 +129,7 @@ def _parameters(given: Any, wanted: dict[str, Dimension], where: str) -> dict[st
             raise InputError(f"{where} needs {name!r}, {wanted[name].what}")
     values = {name: quantity(given[name], dimension, f"{where}.{name}") for name, dimension in wanted.items()}
     for name, value in values.items():
-        if value < 0:
+        if is_below(value, 0):
             raise InputError(f"{where}.{name} must not be negative; it is {given[name]!r}")
     return values
 

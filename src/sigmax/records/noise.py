@@ -10,10 +10,11 @@ import numpy as np
 from pydantic import ValidationError
 
 from sigmax.errors import InputError, unknown
-from sigmax.models.checks import numbers
+from sigmax.models.checks import is_traced, numbers
+from sigmax.models.noise import squares
 from sigmax.records.description import Column
 from sigmax.records.toml_errors import in_words
-from sigmax.records.units import Dimension, quantity
+from sigmax.records.units import Dimension, is_below, quantity
 from sigmax.records.userfile import Functions, is_reference
 
 
@@ -27,7 +28,7 @@ class Deviations(NamedTuple):
     """
 
     columns: Mapping[str, Column]
-    variances: np.ndarray
+    variances: Any
     at: tuple[int, ...]
 
     def by_row(self, deviations: np.ndarray) -> np.ndarray:
@@ -39,6 +40,9 @@ class Deviations(NamedTuple):
     @property
     def noise(self) -> Callable[..., Any]:
         """R(x, u), where the deviations are all inputs u (k,)."""
+        if is_traced(self.variances):
+            made: Callable[..., Any] = _of_inputs.__wrapped__(self.variances, self.at)
+            return made
         return _of_inputs(tuple(self.variances.tolist()), self.at)
 
 
@@ -67,7 +71,7 @@ def _column(given: dict[str, Any], where: str) -> Column:
 
 
 @lru_cache(maxsize=256)
-def _of_inputs(variances: tuple[float, ...], at: tuple[int, ...]) -> Callable[..., Any]:
+def _of_inputs(variances: Any, at: tuple[int, ...]) -> Callable[..., Any]:
     def R(x: jax.Array, u: jax.Array) -> jax.Array:
         return jnp.asarray(variances, x.dtype).at[jnp.array(at)].set(u**2)
 
@@ -102,6 +106,6 @@ def read_noise(given: Any, wanted: dict[str, Dimension], where: str, functions: 
             raise InputError(f"{where} needs {str(name)!r}, {dimension.what}")
     values = [quantity(given[name], dimension, f"{where}.{name}") for name, dimension in wanted.items()]
     for name, value in zip(wanted, values, strict=True):
-        if value < 0:
+        if is_below(value, 0):
             raise InputError(f"{where}.{name}: a standard deviation must not be negative; it is {given[name]!r}")
-    return np.square(values)
+    return squares(values)

@@ -5,6 +5,7 @@ import re
 from typing import Any, NamedTuple
 
 from sigmax.errors import InputError, unknown
+from sigmax.models.checks import is_traced
 from sigmax.running.intervals import SECONDS
 
 
@@ -148,12 +149,21 @@ def parts_of_quantity(given: str) -> tuple[float, str]:
     return float(match[1]), match[2]
 
 
-def quantity(given: Any, dimension: Dimension, where: str) -> float:
-    """A number in SI from 50, "50", "50 m" or "0.05 km".
+class Freed(NamedTuple):
+    """A number of a description that is fitted: it stands in the place of "30 m", and may be traced."""
+
+    value: Any
+    unit: str
+
+
+def quantity(given: Any, dimension: Dimension, where: str) -> Any:
+    """A number in SI from 50, "50", "50 m" or "0.05 km"; a traced one from one that is fitted.
 
     Raises:
         InputError: where it is no number, is not finite, or has a unit of something else.
     """
+    if isinstance(given, Freed):
+        return given.value * to_si(given.unit, dimension, where)
     unit = ""
     if isinstance(given, str):
         match = _QUANTITY.fullmatch(given)
@@ -172,6 +182,11 @@ def quantity(given: Any, dimension: Dimension, where: str) -> float:
     if value and not _LEAST < abs(value) < _MOST:
         raise InputError(f"{where}: {given!r} is beyond all measure; its square must still be a number")
     return value
+
+
+def is_below(value: Any, bound: float, least: bool = False) -> bool:
+    """Whether a quantity lies below a bound, or at it where it has to be above; what is fitted is kept in its own."""
+    return not is_traced(value) and bool(value <= bound if least else value < bound)
 
 
 def _example(dimension: Dimension) -> str:

@@ -1,0 +1,107 @@
+"""Fits of records: numbers by name, several records at once."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sigmax.errors import InputError
+from sigmax.fitting import Fit, fit
+from sigmax.models import Gaussian, Model
+from sigmax.records.freed import Number, asked, build_of, find
+from sigmax.records.load import load, load_plots
+from sigmax.records.record import Record, Trial, parse_trial
+
+
+class Refit(NamedTuple):
+    """What was fitted.
+
+    Attributes:
+        fit: the fit.
+        numbers: what was freed, as it stands in the first record.
+        records: the records.
+        paths: of their descriptions, None for those that are built in.
+        trial: whose likelihood it is.
+    """
+
+    fit: Fit
+    numbers: tuple[Number, ...]
+    records: tuple[Record, ...]
+    paths: tuple[Path | None, ...]
+    trial: Trial
+
+
+def refit(
+    names: Sequence[str],
+    free: Sequence[str],
+    *,
+    filter: str | None = None,
+    hold_out: float = 0.0,
+    progress: Callable[[str], Any] | None = None,
+) -> Refit:
+    """Fit numbers of one or several records, which share them.
+
+    Args:
+        names: of records, as of `load`.
+        free: numbers by name, such as "Q", "R.radar", "range_scale", "motion.tau=1..30": see the docs, `docs/fit.md`.
+        filter: whose likelihood, as for `sigmax track`; else the first of the first record.
+        hold_out: as of `sigmax.fit`.
+        progress: as of `sigmax.fit`.
+
+    Raises:
+        InputError: for what is not known, and whatever `sigmax.fit` refuses.
+    """
+    wanted = asked(free)
+    records, paths = [], []
+    for name in names:
+        if load_plots(name, None) is not None:
+            raise InputError(f"{name} holds plots: numbers are fitted to records whose measurements belong to a track")
+        records.append(load(name))
+        paths.append(Path(name) if Path(name).suffix.casefold() == ".toml" else None)
+    trial = records[0].trials[0] if filter is None else parse_trial(filter)
+    told = [_given(record, path, wanted, trial) for record, path in zip(records, paths, strict=True)]
+    numbers, first, chosen = told[0]
+    for other, (own, _, judge) in zip(records[1:], told[1:], strict=True):
+        for a, b in zip(numbers, own, strict=True):
+            if (a.unit, a.kind) != (b.unit, b.kind):
+                raise InputError(f"{a.name} is in {a.unit!r} in {records[0].name} and in {b.unit!r} in {other.name}")
+        if judge != chosen:
+            raise InputError(f"{other.name} corrects by other updates than {records[0].name}: give one by --filter")
+    found = fit(
+        chosen,
+        first["build"],
+        {n.name: n.start for n in numbers},
+        first["z"],
+        dt=first["dt"],
+        inputs=first["inputs"],
+        update_first=first["update_first"],
+        positive=[n.name for n in numbers if n.positive and n.bounds is None],
+        bounds={n.name: n.bounds for n in numbers if n.bounds is not None},
+        more=[given for _, given, _ in told[1:]],
+        hold_out=hold_out,
+        progress=progress,
+    )
+    return Refit(found, tuple(numbers), tuple(records), tuple(paths), trial)
+
+
+def _given(record: Record, path: Path | None, wanted: Any, trial: Trial) -> tuple[list[Number], dict[str, Any], Any]:
+    """The numbers, what `fit` is given of a record, and its filter."""
+    numbers = find(record, path, wanted)
+    plain = trial._replace(fixed=tuple(f for f in trial.fixed if f not in wanted))
+
+    def told(model: Model) -> tuple[Model, Gaussian]:
+        if not plain.fixed:
+            return model, record.prior
+        return replace(record, model=model).told(plain)[1:]
+
+    inputs = record.inputs
+    given = {
+        "build": build_of(record, path, numbers, told),
+        "z": record.z,
+        "dt": record.dt,
+        "inputs": None if inputs is None else np.asarray(inputs),
+        "update_first": record.update_first,
+    }
+    return numbers, given, record.told(plain)[0]
