@@ -5,7 +5,14 @@ from typing import Annotated
 
 import typer
 
-from sigmax.cli.commands import doctor_command, explain_command, serve_command, terrain_command, track_command
+from sigmax.cli.commands import (
+    doctor_command,
+    explain_command,
+    fit_command,
+    serve_command,
+    terrain_command,
+    track_command,
+)
 from sigmax.signals import say_on_signal
 
 app = typer.Typer(
@@ -48,6 +55,7 @@ app.command("track")(track_command)
 app.command("terrain")(terrain_command)
 app.command("explain")(explain_command)
 app.command("doctor")(doctor_command)
+app.command("fit")(fit_command)
 app.command("serve")(serve_command)
 
 

@@ -144,6 +144,57 @@ def doctor_command(
     examine_record(record, filter, track or [], as_json, write)
 
 
+def fit_command(
+    records: Annotated[
+        list[str],
+        typer.Argument(
+            help="Built-in records (see: sigmax records), or TOML files that describe your data; they share the numbers.",
+            show_default=False,
+        ),
+    ],
+    free: Annotated[
+        list[str],
+        typer.Option(
+            "--free",
+            help="Numbers by name, with commas: Q, R, Q.COMPONENT, R.SENSOR.COMPONENT, a component of state or bias, "
+            "or the end of a path in the description such as noise.range; NAME=LOW..HIGH keeps one within. May be "
+            "repeated.",
+            show_default=False,
+        ),
+    ],
+    filter: Annotated[
+        str | None,
+        typer.Option(
+            "--filter", "-f", help="Whose likelihood, as for track; else the record's first.", show_default=False
+        ),
+    ] = None,
+    hold_out: Annotated[
+        float, typer.Option("--hold-out", help="Share of the last steps that judge a fit of the others; 0 for none.")
+    ] = 0.3,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the fit as JSON.")] = False,
+    write: Annotated[
+        bool,
+        typer.Option("--write", help="Leave a description with the numbers, NAME-fitted.toml, beside each record's."),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="Folder for report.html and summary.json; without it none.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Fit numbers of a model to records by likelihood: standard errors, correlations, what is not determined.
+
+    Exit status: 0 all is determined; 1 something is not; 2 it cannot be fitted.
+
+    Example: sigmax fit plaza2 --free Q,R,range_scale --out runs/fit
+    """
+    say_on_signal("the fit was not finished")
+    from sigmax.cli.fit import fit_records
+
+    fit_records(records, free, filter, hold_out, as_json, write, out)
+
+
 def serve_command(
     description: Annotated[
         Path,

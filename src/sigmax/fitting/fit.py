@@ -77,7 +77,7 @@ def fit(
             f"the log-likelihood at the start is not finite ({'; '.join(faults[:1]) or at_start}); start elsewhere"
         )
     y = search.inside(begin)
-    summit = climb(likelihoods.inside(), y, search.unit(y), progress)
+    summit = climb(likelihoods.inside(), y, search.unit(y), search.straight, progress)
     found = untold(likelihoods.inside(), summit, search, search.labels)
     spread = covariance(summit, search, found)
     held = _held_out(likelihoods, summit, begin, 1 - hold_out, progress) if hold_out else None
@@ -108,7 +108,7 @@ def _held_out(
     """The fit of the first steps, judged by the last ones; from the maximum of all of them it is near."""
     search = likelihoods.search
     early = likelihoods.inside(share)
-    first = climb(early, summit.y, search.unit(search.inside(begin)), progress)
+    first = climb(early, summit.y, search.unit(search.inside(begin)), search.straight, progress)
     both = np.stack([begin, search.outside(first.y)])
     before, after = likelihoods(both) - likelihoods(both, share)
     steps = sum((one.steps - (likelihoods.first(one, share) or 0)) * one.tracks for one in likelihoods.each)

@@ -97,7 +97,7 @@ class Fit:
             best, std = np.ravel(value), np.ravel(self.std[name])
             said = [words.measured(float(v), float(s)) for v, s in zip(best, std, strict=True)]
             rows.append((name, ", ".join(said)))
-        rows += [("correlated", said) for said in self._correlated()]
+        rows += [("correlated", said) for said in self.correlated()]
         gain = self.log_likelihood - self.start_log_likelihood
         gained = f", {gain:+,.4g} from the start" if np.isfinite(gain) else ""
         rows.append(("log-likelihood", f"{self.log_likelihood:,.6g}{gained}"))
@@ -108,7 +108,8 @@ class Fit:
         rows += [("not determined", said) for said in self.undetermined]
         return words.text("Fit" if self.converged else f"Fit that did not converge: {self.message}", rows)
 
-    def _correlated(self) -> list[str]:
+    def correlated(self) -> list[str]:
+        """Pairs of numbers whose errors go together, in words."""
         C = self.correlation
         if C is None:
             return []

@@ -48,6 +48,11 @@ class Search:
         return (np.array(self.low) == 0) & np.isinf(self.high)
 
     @property
+    def straight(self) -> np.ndarray:
+        """Which are searched as they are (p,)."""
+        return ~(self.logarithmic | self.boxed)
+
+    @property
     def boxed(self) -> np.ndarray:
         """Which lie between two bounds (p,)."""
         return np.isfinite(self.low) & np.isfinite(self.high)
@@ -93,7 +98,7 @@ class Search:
 
     def unit(self, y: np.ndarray) -> np.ndarray:
         """What is about one of each (p,) as it is searched, at the start."""
-        return np.where(self.logarithmic | self.boxed | (y == 0), 1.0, np.maximum(np.abs(y), 1e-3))
+        return np.where(~self.straight | (y == 0), 1.0, np.maximum(np.abs(y), 1e-3))
 
     def _box(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         at = self.boxed

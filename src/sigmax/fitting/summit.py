@@ -62,7 +62,12 @@ def derivatives(f: Many, y: np.ndarray, h: np.ndarray) -> tuple[float, np.ndarra
 
 
 def climb(
-    f: Many, start: np.ndarray, unit: np.ndarray, progress: Callable[[str], object] | None = None, most: int = 60
+    f: Many,
+    start: np.ndarray,
+    unit: np.ndarray,
+    straight: np.ndarray | None = None,
+    progress: Callable[[str], object] | None = None,
+    most: int = 60,
 ) -> Summit:
     """Newton's method with differences for derivatives, eight dampings of each step tried at once.
 
@@ -70,16 +75,18 @@ def climb(
         f: of points (V, p), values (V,), −∞ where there is none.
         start: where it is finite.
         unit: about the size of each number.
+        straight: which numbers may be of any size (p,); others change by a factor of e in a unit.
         progress: is told of each step.
         most: steps.
     """
     y, h, count, tries = start.astype(float), 1e-2 * unit, 0, 0
-    reach = _FARTHEST * unit * np.where(unit == 1.0, 1, 1e3)
+    straight = np.zeros(len(y), bool) if straight is None else straight
+    reach = np.where(straight, 1e9, _FARTHEST) * unit
     message, converged = f"not at a maximum after {most} steps", False
     for k in range(most):
         value, g, H = derivatives(f, y, h)
         count += 1 + len(y) + len(y) ** 2
-        before, h = h, _steps(h, -np.diag(H), value, unit)
+        before, h = h, _steps(h, -np.diag(H), value, unit, straight)
         if (np.abs(np.log(h / before)) > np.log(4)).any() and tries < 8:
             tries += 1
             continue
@@ -90,7 +97,7 @@ def climb(
         if expected < _GAIN and top:
             message, converged = _FOUND, True
             break
-        limit = _FAR * np.maximum(unit, 10 * h * (unit != 1.0))
+        limit = np.where(straight, np.maximum(_FAR * unit, 1e3 * h), _FAR * unit)
         moves *= np.minimum(1, (limit / np.maximum(np.abs(moves), 1e-300)).min(1))[:, None]
         tried = np.clip(y + moves, start - reach, start + reach)
         at = f(tried)
@@ -130,7 +137,7 @@ def _polished(f: Many, y: np.ndarray, value: float, H: np.ndarray, h: np.ndarray
     return (y + moves[0], now, 2 * p + 1) if better else (y, value, 2 * p + 1)
 
 
-def _steps(h: np.ndarray, curvature: np.ndarray, value: float, unit: np.ndarray) -> np.ndarray:
+def _steps(h: np.ndarray, curvature: np.ndarray, value: float, unit: np.ndarray, straight: np.ndarray) -> np.ndarray:
     """Steps of which the differences stand out from rounding, and which are small for the curvature."""
     rounding = 1e-12 * max(1.0, abs(value))
     better = np.where(
@@ -139,4 +146,4 @@ def _steps(h: np.ndarray, curvature: np.ndarray, value: float, unit: np.ndarray)
         np.where(-curvature * h**2 > 30 * rounding, h, 10 * h),
     )
     # What is searched by its logarithm is straight over no more than this.
-    return np.asarray(np.clip(better, 1e-6 * unit, np.where(unit == 1.0, 0.3, 1e3 * unit)))
+    return np.asarray(np.clip(better, 1e-9 * unit, np.where(straight, 1e9, 0.3) * unit))

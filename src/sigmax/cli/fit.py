@@ -1,0 +1,109 @@
+"""`sigmax fit`."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from sigmax.errors import InputError
+from sigmax.records import load
+from sigmax.records.fitted import fitted
+from sigmax.records.refit import Refit, refit
+from sigmax.reports.fitted import FILES, in_numbers, verdict, write_fit
+from sigmax.reports.folder import check_folder
+from sigmax.views import words
+
+# The first words of a description that was fitted; only such a file is written over.
+_MARK = "# Fitted by sigmax fit from"
+
+
+def fit_records(
+    names: Sequence[str],
+    free: Sequence[str],
+    filter: str | None,
+    hold_out: float,
+    as_json: bool,
+    write: bool,
+    out: Path | None,
+) -> None:
+    """Fit numbers of records and print them; write the page, and descriptions with them, if wished.
+
+    Raises:
+        InputError: for whatever is not known, is no record, or would be written over.
+        SystemExit: with 1 where a number is not determined.
+    """
+    console, errors = Console(), Console(stderr=True)
+    targets = {name: _target(name) for name in names} if write else {}
+    if out is not None:
+        check_folder(out, FILES)
+    with errors.status("reading the record") as status:
+
+        def say(done: str) -> None:
+            status.update(escape(f"fitting, {done}"))
+
+        made = refit(names, free, filter=filter, hold_out=hold_out, progress=say)
+    if as_json:
+        print(json.dumps(in_numbers(made), indent=2, allow_nan=False))
+    else:
+        _print(console, made)
+    if out is not None:
+        write_fit(out, made)
+        errors.print(escape(f"written: {out / 'report.html'}"), highlight=False, soft_wrap=True)
+    for name, target in targets.items():
+        _write(Path(name), target, made, errors)
+    raise SystemExit(made.fit.status)
+
+
+def _print(console: Console, made: Refit) -> None:
+    fit = made.fit
+    listed = ", ".join(record.title for record in made.records)
+    shown = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0))
+    for head in ("number", "as it stands", "fitted, ± its standard error"):
+        shown.add_column(head)
+    for n in made.numbers:
+        value, std = float(fit.parameters[n.name]), float(fit.std[n.name])
+        now = words.measured(value, std, n.unit) if np.isfinite(std) else f"{value:.6g} {n.unit}, not determined"
+        kind = " (factor of variances)" if n.kind == "factor" else ""
+        shown.add_row(escape(f"{n.name}{kind}"), escape(f"{n.start:.6g} {n.unit}"), escape(now))
+    console.print(f"[bold]{escape(listed)}[/]\nby {escape(fit.filter)}", highlight=False, soft_wrap=True)
+    console.print(shown)
+    headline, sentences = verdict(fit)
+    correlated = [f"Correlated: {said}." for said in fit.correlated()]
+    for sentence in (headline, *sentences, *correlated):
+        console.print(escape(sentence), highlight=False, soft_wrap=True)
+
+
+def _target(name: str) -> Path:
+    """Where the description with fitted numbers goes.
+
+    Raises:
+        InputError: for a record without a description, and where something else stands there.
+    """
+    path = Path(name)
+    if path.suffix.casefold() != ".toml":
+        raise InputError(f"--write changes a description in TOML; {name} is built in and has none")
+    target = path.with_name(f"{path.stem}-fitted{path.suffix}")
+    if target.exists() and not target.read_text(encoding="utf-8", errors="replace").startswith(_MARK):
+        raise InputError(f"{target} was not written by sigmax fit: move it away")
+    return target
+
+
+def _write(path: Path, target: Path, made: Refit, errors: Console) -> None:
+    """The description with what was fitted, and what is to be done by hand, to standard error."""
+    values: dict[Any, tuple[float, float]] = {
+        n: (float(made.fit.parameters[n.name]), float(made.fit.std[n.name])) for n in made.numbers
+    }
+    found = fitted(path, values)
+    if found.changed:
+        target.write_text(f"{_MARK} {path.name}; what was changed says so.\n{found.text}", encoding="utf-8")
+        load(str(target))
+        errors.print(escape(f"written: {target}"), highlight=False, soft_wrap=True)
+    else:
+        errors.print("no file was written", highlight=False)
+    for sentence in found.left:
+        errors.print(escape(sentence), highlight=False, soft_wrap=True)

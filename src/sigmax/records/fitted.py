@@ -1,0 +1,83 @@
+"""The TOML of a record with the numbers that were fitted, and the reason at each line that is changed."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from sigmax.errors import InputError
+from sigmax.examination import Finding
+from sigmax.records.correct import Correction, correct
+from sigmax.records.freed import Number
+from sigmax.records.toml_edit import Document
+from sigmax.views import words
+
+
+def fitted(path: Path, numbers: Mapping[Number, tuple[float, float]]) -> Correction:
+    """The description at `path` with numbers in it that were fitted; its comments stay.
+
+    Args:
+        path: of the description.
+        numbers: their values and standard errors, NaN for those that the record does not determine: they stay.
+
+    Raises:
+        InputError: where the description does not fit.
+    """
+    factors = [
+        _factor(n, value, said(n, value, std)) for n, (value, std) in numbers.items() if n.kind == "factor" and std > 0
+    ]
+    first = correct(path, factors)
+    document, changed = Document(first.text), list(first.changed)
+    left = [
+        *first.left,
+        *(f"{n.name}: not written, it is not determined" for n, (_, s) in numbers.items() if not s > 0),
+    ]
+    for n, (value, std) in numbers.items():
+        if n.kind == "factor" or not std > 0:
+            continue
+        reason, before = said(n, value, std), document.text
+        try:
+            if n.kind == "place":
+                document.put(n.at, _quantity(value, std, n.unit), reason)
+            else:
+                _put_value(document, n, value, std, reason)
+            changed.append(reason)
+        except (InputError, KeyError) as error:
+            document.text = before
+            left.append(f"{reason}: not written, {error}; to do: set its prior")
+    return Correction(document.text, tuple(changed), tuple(left))
+
+
+def said(n: Number, value: float, std: float) -> str:
+    """What was fitted, in a line."""
+    what = "a factor of the variances " if n.kind == "factor" else ""
+    return f"{n.name} fitted: {what}{words.measured(value, std, n.unit)}, was {n.start:.6g}"
+
+
+def _factor(n: Number, value: float, reason: str) -> Finding:
+    """The factor as a finding of the doctor, whose editor puts it where the noise is said."""
+    head, *behind = map(str, n.at)
+    where = ".".join(behind) if behind else "all components"
+    return Finding(head, where, reason, "", "multiply its variances by the factor", np.log(value), 0.0, 0.0, 1.0, 1.0)
+
+
+def _quantity(value: float, std: float, unit: str) -> str | float:
+    """A number to a hundredth of its standard error."""
+    digits = max(2, int(np.ceil(np.log10(max(abs(value) / std, 1e-3)))) + 2)
+    return f"{value:.{digits}g} {unit}" if unit else float(f"{value:.{digits}g}")
+
+
+def _put_value(document: Document, n: Number, value: float, std: float, reason: str) -> None:
+    """The value of a component as its prior, known to its standard error."""
+    (name,) = n.at
+    for table in ("bias", "prior"):
+        try:
+            document.get((table, str(name), "std"))
+        except KeyError:
+            continue
+        document.put((table, str(name), "mean"), _quantity(value, std, n.unit), reason)
+        document.put(
+            (table, str(name), "std"), f"{std:.2g} {n.unit}".rstrip() if n.unit else float(f"{std:.2g}"), reason
+        )
+        return
+    raise InputError("its prior comes from the measurements")
