@@ -148,7 +148,7 @@ def fit_command(
     records: Annotated[
         list[str],
         typer.Argument(
-            help="Built-in records (see: sigmax records), or TOML files that describe your data; they share the numbers.",
+            help="Built-in records (see: sigmax records), or TOML files of your data; they share the numbers.",
             show_default=False,
         ),
     ],
@@ -165,7 +165,7 @@ def fit_command(
     filter: Annotated[
         str | None,
         typer.Option(
-            "--filter", "-f", help="Whose likelihood, as for track; else the record's first.", show_default=False
+            "--filter", "-f", help="Whose likelihood, as for track; else that of the first record.", show_default=False
         ),
     ] = None,
     hold_out: Annotated[

@@ -52,8 +52,8 @@ def page(made: Refit) -> str:
         figures[f"along/{k}"] = _figure(one, made.numbers[k].unit)
         along += place(f"along-{k}", f"along/{k}")
     about = (
-        "The log-likelihood less its maximum, the other numbers going with each as their correlations have it. Where it "
-        "has lost 1.92, a 95 % interval ends."
+        "The log-likelihood less its maximum, the other numbers going with each as their correlations have it. Where "
+        "it has lost 1.92, a 95 % interval ends."
     )
     sections += [section("Likelihood along each number", about, along), *_correlations(fit)]
     sections += [data(record.source, record.licence, ()) for record in made.records]
