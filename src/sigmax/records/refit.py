@@ -10,7 +10,8 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.fitting import Fit, fit
 from sigmax.models import Gaussian, Model
-from sigmax.records.freed import Number, asked, build_of, find
+from sigmax.records.freed import Number, asked, find
+from sigmax.records.freed_model import build_of
 from sigmax.records.load import load, load_plots
 from sigmax.records.record import Record, Trial, parse_trial
 
