@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 from sigmax.cli.app import app
 from sigmax.errors import InputError
 from sigmax.records import load
-from sigmax.records.freed import build_of, find
+from sigmax.records.freed import find
+from sigmax.records.freed_model import build_of
 from sigmax.records.refit import refit
 
 TOML = """data = "{data}"
