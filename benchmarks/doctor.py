@@ -68,7 +68,7 @@ def sound(worlds: dict[str, Callable[[], World]], seeds: range) -> None:
     for name, make in worlds.items():
         world, kinds = make(), defaultdict(int)
         for seed in seeds:
-            found = examined(world, drawn(world, seed).z).findings
+            found = examined(world, drawn(world, [seed, crc32(name.encode())]).z).findings
             if found:
                 kinds[found[0].kind] += 1
         spoken = sum(kinds.values())
@@ -94,7 +94,9 @@ def faults(worlds: dict[str, Callable[[], World]], seeds: range) -> None:
             if not case.fits(world):
                 continue
             for seed in seeds:
-                given = case.made(world, drawn(world, seed), np.random.default_rng([seed, crc32(name.encode())]))
+                # Draws of their own: the same ones for all models and strengths are one sample.
+                draw = [seed, crc32(name.encode()), crc32(case.fault.encode()), case.strength]
+                given = case.made(world, drawn(world, draw), np.random.default_rng([*draw, 1]))
                 f = next(iter(examined(given.world, given.z).findings), None)
                 named = f is not None and bool({f.kind, *f.either_kinds} & set(case.kinds))
                 sized = None

@@ -161,8 +161,9 @@ def turn(u: np.ndarray, a: float) -> np.ndarray:
 
 
 def shifted(u: np.ndarray, share: float) -> np.ndarray:
-    """Inputs as they were so many rows before, on the straight line."""
-    return u - share * np.diff(u, axis=0, prepend=u[:1])
+    """Inputs as they were so many rows before, on the straight lines between the rows."""
+    rows = np.arange(len(u))
+    return np.column_stack([np.interp(rows - share, rows, v) for v in u.T])
 
 
 def cases() -> Iterator[Case]:

@@ -1,10 +1,12 @@
 """Models on which `sigmax.doctor` is tried, and records of them drawn by NumPy alone."""
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -169,19 +171,25 @@ def process_noise(model: Model) -> np.ndarray:
     return np.asarray(Q) if np.ndim(Q) == 2 else np.diag(np.asarray(Q))
 
 
+@lru_cache
+def compiled(function: Callable[..., Any], many: bool) -> Callable[..., Any]:
+    """A function of a model for one state, or for many."""
+    return jax.jit(jax.vmap(function) if many else function)
+
+
 def measured(world: World, x: np.ndarray) -> dict[str, np.ndarray]:
     """What the sensors would see without noise, by sensor (T, m)."""
-    return {s: np.array([np.asarray(h(state)) for state in x]) for s, h in world.model.sensors.items()}
+    return {s: np.array(compiled(h, True)(x)) for s, h in world.model.sensors.items()}
 
 
-def drawn(world: World, seed: int) -> Drawn:
+def drawn(world: World, seed: int | Sequence[int]) -> Drawn:
     """A record of a sound model."""
     rng, model = np.random.default_rng(seed), world.model
-    x, Q = rng.multivariate_normal(world.prior.mean, world.prior.cov), process_noise(model)
+    x, Q, motion = rng.multivariate_normal(world.prior.mean, world.prior.cov), process_noise(model), model.motion
     states, noises = [], defaultdict(list)
     for k in range(STEPS):
         u = () if world.inputs is None else (world.inputs[k],)
-        x = np.asarray(model.motion(x, 1.0, *u)) + rng.multivariate_normal(np.zeros(len(x)), Q)
+        x = np.asarray(compiled(motion, False)(x, 1.0, *u)) + rng.multivariate_normal(np.zeros(len(x)), Q)
         states.append(x)
         for s in model.sensors:
             R = np.asarray(model.R[s].entries)

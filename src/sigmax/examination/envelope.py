@@ -34,8 +34,8 @@ class Envelope:
     """The family.
 
     Attributes:
-        model: reads its parameters from the inputs: u as it was, du, θ, what is added to R of each component, a
-            factor of Q; `prior` alone is no matter of the model.
+        model: reads its parameters from the inputs: u as it was, by how much a delay changes it, θ, what is added to R
+            of each component, a factor of Q; `prior` alone is no matter of the model.
         plain: the model as it stands.
         parameters: θ, in the order of the inputs.
         given: how many inputs the model had, R by row included.
@@ -148,16 +148,15 @@ class _Places:
         return None
 
     def inputs(self, u: Any, delayed: bool = False) -> Any:
-        """The inputs of the model: offset, stretched, turned, and of the motion late."""
+        """The inputs of the model: of the motion late, then stretched, offset and turned."""
         if not self.given:
             return u[:0]
         parts = []
         for i in range(self.given):
             value = u[i]
             if i < self.driven:
+                value = value + u[self.given + i] if delayed else value
                 value = value * (1 + self.value(u, "input gain", (i,))) + self.value(u, "input offset", (i,))
-                late = self.value(u, "input delay") if delayed else None
-                value = value if late is None else value - late * u[self.given + i]
             parts.append(value)
         for i, j in (p.at for p in self.parameters if p.kind == "input rotation"):
             parts[i], parts[j] = _turned(parts[i], parts[j], self.value(u, "input rotation", (i, j)))

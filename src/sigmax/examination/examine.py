@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.examination.climb import Climber
 from sigmax.examination.envelope import component_names, envelope, parameters_of
 from sigmax.examination.hypotheses import axes_of, groups_of, hypotheses, moved, natural_steps, noise_at
 from sigmax.examination.report import Examination, Finding
@@ -72,7 +73,7 @@ def doctor(
         raise InputError(f"the doctor examines one record; this is a batch of {ready.batch}: give one of them")
     record, setup = _laid_out(ready, update_first)
     values = sum(int(np.isfinite(v).sum()) for v in record.z.values())
-    first = setup.runner([Variant(np.zeros(len(setup.steps)), record)])
+    first = setup.runner([Variant(np.zeros(len(setup.climber.steps)), record)])
     rounds = Rounds(setup, record, first, progress or (lambda said: None))
     findings: tuple[Finding, ...] = ()
     undetermined: tuple[str, ...] = ()
@@ -126,13 +127,15 @@ def _laid_out(ready: Prepared, update_first: bool) -> tuple[RecordData, Setup]:
     spread = {s: np.where(v > 0, v, np.nanvar(ready.z[s], axis=0) + 1e-12) for s, v in R.items()}
     record = replace(record, huge=1e8 * np.concatenate([spread[s] for s in sizes]))
     setup = Setup(
-        runner=Runner(ready.filter, family, update_first),
+        climber=Climber(
+            Runner(ready.filter, family, update_first),
+            natural_steps(family, record, Q, R, dt),
+            {s: tuple(model.measured_angular(s, m)) for s, m in sizes.items()},
+        ),
         hypotheses=hypotheses(family),
-        steps=natural_steps(family, record, Q, R, dt),
         R=R,
         names={s: component_names(model, s, m) for s, m in sizes.items()},
         burn=max(5, 2 * model.size),
-        angular={s: tuple(model.measured_angular(s, m)) for s, m in sizes.items()},
         timed=not np.array_equal(moved(model, record, dt), moved(model, record, 2 * dt)),
     )
     return record, setup

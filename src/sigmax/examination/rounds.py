@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sigmax.examination.after import correlated, evidence, needed
 from sigmax.examination.alternatives import alternatives, with_starts
 from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import (
@@ -14,8 +15,7 @@ from sigmax.examination.search import (
     continuous,
     discrete,
     masked,
-    normalised,
-    score_at,
+    nis_per_value,
     shapes,
 )  # fmt: skip
 from sigmax.examination.values import copies, flaw
@@ -31,10 +31,11 @@ _SIMPLER = ("sign", "turned", "degrees", "convention", "swap", "units")
 
 
 class Accepted(NamedTuple):
-    """A cause with how it stood when it was accepted."""
+    """A cause when it was accepted: it, those that explained less, NIS per value before and after."""
 
-    candidate: Candidate
-    finding: Finding
+    best: Candidate
+    others: Sequence[Candidate]
+    nis: tuple[float, float]
 
 
 class Rounds:
@@ -45,7 +46,7 @@ class Rounds:
 
         self.setup, self.record, self.first, self.say = setup, record, first, say
         self.evidence: Evidence | None = None
-        self.nis0 = _nis_per_value(first, record)
+        self.nis0 = nis_per_value(first, record)
         self.some = alternatives(setup.runner.family, record, setup.timed)
         self.tested = len(setup.hypotheses) + len(self.some) + 3 * len(record.huge)
         self.limit = 0.5 * float(chdtri(1, _ALPHA / len(setup.hypotheses)))
@@ -53,58 +54,52 @@ class Rounds:
     def examine(self) -> tuple[tuple[Finding, ...], tuple[str, ...], str]:
         """Findings, what is not determined, and why nothing can be said where it is so."""
         flaws, whole = self._values()
-        theta, ended, accepted = np.zeros(len(self.setup.steps)), set[tuple[str, str]](), list[Accepted]()
+        theta, ended, accepted = np.zeros(len(self.setup.climber.steps)), set[tuple[str, str]](), list[Accepted]()
         start = whole
         (record,), out = masked(self.setup, [Variant(theta, whole)])
         for i in range(_ROUNDS):
             self.say(f"round {i + 1} of at most {_ROUNDS}: {self.tested} hypotheses")
             some = [a for a in self.some if (a.kind, a.where) not in ended]
             as_it_stands = float(log_likelihood(out)[0])
-            if not _NEAR < _nis_per_value(out, record) < 1 / _NEAR:
+            if not _NEAR < nis_per_value(out, record) < 1 / _NEAR:
                 some += with_starts(self.setup.runner.family, some)
             found = discrete(self.setup, theta, whole, some, as_it_stands)
             if np.isfinite(as_it_stands):
                 if ("shape", "") not in ended:
                     found += shapes(self.setup, out, record, whole)
-                found += continuous(self.setup, theta, record, ended)[0]
+                found += continuous(self.setup, theta, record, ended)
             found = sorted(filter(_matters, found), key=lambda c: -c.gain)
             if not found or found[0].gain < self.limit:
                 break
             best, *others = _preferred(found, self.limit)
-            before = _nis_per_value(self.setup.runner([Variant(theta, whole)]), whole)
+            before = nis_per_value(self.setup.runner([Variant(theta, whole)]), whole)
             if best.kind in _SHAPES:
                 ended.add(("shape", ""))
             ended.add((best.kind, best.where))
-            theta = theta if best.theta is None else theta + best.theta
+            theta = theta if best.basis is None else theta + best.basis @ best.value
             whole = whole if best.alternative is None else best.alternative.change(whole)
             (record,), out = masked(self.setup, [Variant(theta, whole)])
-            nis = before, _nis_per_value(out, record)
-            accepted.append(Accepted(best, self._finding(best, others, nis, bool(accepted or flaws))))
+            accepted.append(Accepted(best, others, (before, nis_per_value(out, record))))
         if not np.isfinite(log_likelihood(out)[0]):
             return (
                 (),
                 (),
                 f"the filter fails on the model as it stands, {out.first_fault}, and nothing examined mends it",
             )
-        self.say("each cause left out once")
-        kept = self._needed(accepted, theta, start, record)
-        last = self._correlated(out, record, bool(flaws or kept))
-        findings = (*flaws, *(a.finding for a in kept), *last)
-        self.evidence = self._evidence(findings[0].where, out, record) if findings else None
+        said = list[Finding]()
+        if accepted:
+            self.say("all causes together, and each left out once")
+            fit = needed(self.setup, [a.best for a in accepted], start, record.out, self.limit)
+            own = {(a.best.kind, a.best.where): a for a in accepted}
+            for c in fit.causes:
+                a = own[c.kind, c.where]
+                said.append(self._finding(c, a.others, a.nis, bool(said or flaws)))
+            theta, whole = fit.theta, replace(fit.record, out=start.out)
+            (record,), out = masked(self.setup, [Variant(theta, whole)])
+        findings = (*flaws, *said, *correlated(self.setup, out, record, bool(flaws or said)))
+        if findings:
+            self.evidence = evidence(self.setup, findings[0].where, (self.first, out), (self.record, record))
         return findings, self._undetermined(theta, record), ""
-
-    def _evidence(self, where: str, out: Innovations, record: RecordData) -> Evidence:
-        """The innovations before and after, of the component of a cause or else the one that changed most."""
-        names = [name for some in self.setup.names.values() for name in some]
-        (before, seen), (after, _) = normalised(self.first, self.record), normalised(out, record)
-        kept = seen & ~record.out
-        change = [float(np.mean((before[k, j] - after[k, j]) ** 2)) if k.any() else 0.0 for j, k in enumerate(kept.T)]
-        j = names.index(where) if where in names else int(np.argmax(change))
-        nis = tuple(sum(v[0] for v in o.nis().values()) for o in (self.first, out))
-        residual = tuple(np.where(seen[:, j], r[:, j], np.nan) for r in (before, after))
-        return Evidence(
-            (nis[0], nis[1]), kept.sum(1), names[j], (residual[0], residual[1]), record.out[:, j] & seen[:, j]
-        )
 
     def _values(self) -> tuple[list[Finding], RecordData]:
         """Flaws of the values themselves, and the record without them."""
@@ -140,7 +135,7 @@ class Rounds:
                 found.append(Finding("copies", s or "rows", *said, twice.size, np.nan, twice.concerned, nis, nis))
         clean = replace(record, extra=extra, out=out)
         if found:
-            after = _nis_per_value(self.setup.runner([Variant(np.zeros(len(self.setup.steps)), clean)]), clean)
+            after = nis_per_value(self.setup.runner([Variant(np.zeros(len(self.setup.climber.steps)), clean)]), clean)
             found = [replace(f, nis_after=after) for f in found]
         return found, clean
 
@@ -168,60 +163,12 @@ class Rounds:
         names = [(name, s, j) for s, some in self.setup.names.items() for j, name in enumerate(some)]
         return next((float(self.setup.R[s][j]) for name, s, j in names if name == c.where), None)
 
-    def _needed(
-        self, accepted: list[Accepted], theta: np.ndarray, start: RecordData, record: RecordData
-    ) -> list[Accepted]:
-        """The causes without each of which the record is less likely: what only explained another's debris goes."""
-        if len(accepted) < 2:
-            return accepted
-        variants, owners, owed = [Variant(theta, record)], [], []
-        for a in accepted:
-            c = a.candidate
-            if c.theta is None and c.alternative is None:
-                continue
-            rest = start
-            for other in accepted:
-                if other is not a and other.candidate.alternative is not None:
-                    rest = other.candidate.alternative.change(rest)
-            variants.append(Variant(theta if c.theta is None else theta - c.theta, replace(rest, out=record.out)))
-            owners.append(a)
-            owed.append(0.0 if c.alternative is None else c.alternative.jacobian)
-        L = log_likelihood(self.setup.runner(variants))
-        lost = {id(a): L[0] + owed[i] - L[i + 1] for i, a in enumerate(owners)}
-        return [a for a in accepted if lost.get(id(a), np.inf) > self.limit]
-
-    def _correlated(self, out: Innovations, record: RecordData, provisional: bool) -> list[Finding]:
-        """Whether what remains goes on from one row to the next, which nothing examined explains."""
-        r, seen = normalised(out, record)
-        found = []
-        for j, name in enumerate(name for some in self.setup.names.values() for name in some):
-            e = np.clip(r[seen[:, j] & ~record.out[:, j], j], -4, 4)[self.setup.burn :]
-            if len(e) < 50:
-                continue
-            rho = float((e[1:] * e[:-1]).mean() / (e * e).mean())
-            z = rho * np.sqrt(len(e))
-            if abs(z) > 4.5 and abs(rho) > 0.1:
-                nis = _nis_per_value(out, record)
-                cause = f"what remains of {name} is correlated from one value to the next"
-                change = "nothing examined explains it: noise correlated in time, or a motion that lacks a state"
-                said = (cause, f"{rho:.2f} ± {1 / np.sqrt(len(e)):.2f}", change)
-                one = Finding("correlated", name, *said, rho, 1 / np.sqrt(len(e)), z * z / 2, nis, nis)
-                found.append(replace(one, provisional=provisional))
-        return sorted(found, key=lambda f: -f.gain)[:1]
-
     def _undetermined(self, theta: np.ndarray, record: RecordData) -> tuple[str, ...]:
         """Which noises the record does not tell."""
-        ((_, info),) = score_at(self.setup, [(theta, np.eye(len(theta)))], record)
-        parameters = self.setup.runner.family.parameters
-        return tuple(
-            f"{p.kind} of {p.where}" for i, p in enumerate(parameters) if p.kind in ("R", "Q") and info[i, i] < 1
-        )
-
-
-def _nis_per_value(out: Innovations, record: RecordData) -> float:
-    """NIS over the number of values that are not left out."""
-    seen = np.concatenate(list(out.seen.values()), 1) & ~record.out
-    return float(sum(nis[0].sum() for nis in out.nis().values()) / max(int(seen.sum()), 1))
+        noises = [(i, p) for i, p in enumerate(self.setup.runner.family.parameters) if p.kind in ("R", "Q")]
+        basis = np.eye(len(theta))[:, [i for i, _ in noises]]
+        (here,) = self.setup.climber.slopes([(Variant(theta, record), basis)])
+        return tuple(f"{p.kind} of {p.where}" for j, (_, p) in enumerate(noises) if here.info[j, j] < 1)
 
 
 def _matters(c: Candidate) -> bool:

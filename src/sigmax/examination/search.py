@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sigmax.examination.alternatives import Alternative
+from sigmax.examination.climb import Climber, Start
 from sigmax.examination.hypotheses import LIMITS, Hypothesis
-from sigmax.examination.scores import scores
 from sigmax.examination.shape import tails
 from sigmax.examination.variants import Innovations, RecordData, Runner, Variant, log_likelihood
 
 # Values farther off than so many robust deviations are left out: in how many rounds, and how large a share at most.
 _FAR, _ROUNDS, _MOST = 4.5, 4, 0.3
-_FORWARD = 1e-3
 # So many readings of the record as a whole are looked at closely.
 _READINGS = 8
 
@@ -27,8 +26,8 @@ class Candidate:
         where: as of the hypothesis.
         gain: in log-likelihood, less what its parameters cost.
         value: its parameters (d,), empty for a discrete one.
-        std: standard error of the first.
-        theta: the parameters of the envelope to add (p,).
+        std: standard error of the largest.
+        basis: the directions of these parameters in those of the envelope (p, d).
         alternative: what changes the record instead.
         times: of outliers, how many deviations wide they are.
     """
@@ -38,9 +37,18 @@ class Candidate:
     gain: float
     value: np.ndarray
     std: float
-    theta: np.ndarray | None = None
+    basis: np.ndarray | None = None
     alternative: Alternative | None = None
     times: float = 0.0
+
+    @property
+    def limits(self) -> np.ndarray:
+        """The longest step of each parameter (d,)."""
+        return np.full(len(self.value), LIMITS.get(self.kind, np.inf))
+
+    def moved(self, value: np.ndarray, deviations: np.ndarray) -> "Candidate":
+        """With other values (d,) of its parameters, and their standard errors."""
+        return replace(self, value=value, std=float(deviations[np.argmax(np.abs(value))]))
 
 
 @dataclass(frozen=True)
@@ -48,24 +56,25 @@ class Setup:
     """What stays the same through the search.
 
     Attributes:
-        runner: the filter on the envelope.
+        climber: the filter on the envelope, and how the likelihood slopes there.
         hypotheses: directions.
-        steps: what is small of each parameter (p,).
         R: variances of the sensors at the prior.
         names: of components, by sensor.
         burn: steps at the start that are never left out, where a wrong prior speaks.
-        angular: which components turn, by sensor.
         timed: whether the motion depends on dt.
     """
 
-    runner: Runner
+    climber: Climber
     hypotheses: Sequence[Hypothesis]
-    steps: np.ndarray
     R: dict[str, np.ndarray]
     names: dict[str, list[str]]
     burn: int
-    angular: dict[str, tuple[bool, ...]]
     timed: bool
+
+    @property
+    def runner(self) -> Runner:
+        """The filter on the envelope."""
+        return self.climber.runner
 
 
 def normalised(outcome: Innovations, record: RecordData, i: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -74,6 +83,12 @@ def normalised(outcome: Innovations, record: RecordData, i: int = 0) -> tuple[np
     nu = np.concatenate([v[i] for v in outcome.nu.values()], 1)
     seen = np.concatenate(list(outcome.seen.values()), 1)
     return nu / np.sqrt(np.maximum(S - record.out * record.huge, 1e-12 * S)), seen
+
+
+def nis_per_value(outcome: Innovations, record: RecordData) -> float:
+    """NIS over the number of values that are not left out."""
+    seen = np.concatenate(list(outcome.seen.values()), 1) & ~record.out
+    return float(sum(nis[0].sum() for nis in outcome.nis().values()) / max(int(seen.sum()), 1))
 
 
 def masked(setup: Setup, variants: Sequence[Variant]) -> tuple[list[RecordData], Innovations]:
@@ -104,29 +119,6 @@ def _far(setup: Setup, out: Innovations, record: RecordData, whole: RecordData, 
     far[: setup.burn] = False
     settled = far.sum() > _MOST * seen.sum() or (whole.out | far == record.out).all()
     return None if settled else np.asarray(whole.out | far)
-
-
-def score_at(
-    setup: Setup, points: Sequence[tuple[np.ndarray, np.ndarray]], record: RecordData
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Score and information at each point θ (p,) along the columns of its basis (p, q), all in one batch."""
-    variants, steps = list[Variant](), list[np.ndarray]()
-    for theta, basis in points:
-        steps.append(_FORWARD * np.array([_shortest(setup.steps, b) for b in basis.T]))
-        variants += [
-            Variant(theta, record),
-            *(Variant(theta + h * b, record) for h, b in zip(steps[-1], basis.T, strict=True)),
-        ]
-    out, found, at = setup.runner(variants), list[tuple[np.ndarray, np.ndarray]](), 0
-    for one in steps:
-        found.append(scores(out.some(slice(at, at + 1 + len(one))), one, setup.angular))
-        at += 1 + len(one)
-    return found
-
-
-def _shortest(steps: np.ndarray, direction: np.ndarray) -> float:
-    on = direction != 0
-    return float((steps[on] / np.abs(direction[on])).min())
 
 
 def discrete(
@@ -185,67 +177,27 @@ def shapes(setup: Setup, out: Innovations, record: RecordData, whole: RecordData
     return found
 
 
-def continuous(
-    setup: Setup, theta: np.ndarray, record: RecordData, ended: set[tuple[str, str]]
-) -> tuple[list[Candidate], np.ndarray]:
-    """The best directions by their scores, refined; and the information of all parameters."""
+def continuous(setup: Setup, theta: np.ndarray, record: RecordData, ended: set[tuple[str, str]]) -> list[Candidate]:
+    """The best directions by their scores, each followed to where the likelihood is largest."""
     p, T = len(theta), len(record.dt)
-    ((g, info),) = score_at(setup, [(theta, np.eye(p))], record)
+    (here,) = setup.climber.slopes([(Variant(theta, record), np.eye(p))])
     chi: list[tuple[float, Hypothesis]] = []
     for h in setup.hypotheses:
-        I, slope = h.basis.T @ info @ h.basis, h.basis.T @ g
-        if (h.kind, h.where) in ended or np.trace(I) < 1e-8:
+        along = here.along(h.basis)
+        if (h.kind, h.where) in ended or np.trace(along.info) < 1e-8:
             continue
-        chi.append((float(slope @ np.linalg.lstsq(I, slope, rcond=1e-10)[0]) - 2 * (I.shape[0] - 1), h))
+        step = np.linalg.lstsq(along.info, along.gradient, rcond=1e-10)[0]
+        chi.append((float(along.gradient @ step) - 2 * (len(step) - 1), h))
     chi.sort(key=lambda c: -c[0])
-    pick: list[Hypothesis] = []
+    pick: list[Candidate] = []
     for value, h in chi:
         if value > 8 and len(pick) < 9 and sum(other.kind == h.kind for other in pick) < 2:
-            pick.append(h)
-    found = refine(setup, theta, record, pick, g, info)
-    return [replace(c, gain=c.gain - 0.5 * np.log(T) * (len(c.value) - 1)) for c in found], info
-
-
-def refine(
-    setup: Setup,
-    theta: np.ndarray,
-    record: RecordData,
-    some: Sequence[Hypothesis],
-    g: np.ndarray,
-    info: np.ndarray,
-    iterations: int = 6,
-) -> list[Candidate]:
-    """Gauss–Newton along each hypothesis, all in one batch; steps that do not gain are cut to thirds."""
-    if not some:
-        return []
-    L0 = float(log_likelihood(setup.runner([Variant(theta, record)]))[0])
-    value = [np.zeros(h.basis.shape[1]) for h in some]
-    L = np.full(len(some), L0)
-    slope = [h.basis.T @ g for h in some]
-    I = [h.basis.T @ info @ h.basis for h in some]
-    active = list(range(len(some)))
-    for _ in range(iterations):
-        tries = []
-        for i in active:
-            limit = LIMITS.get(some[i].kind, np.inf)
-            s = np.clip(np.linalg.lstsq(I[i], slope[i], rcond=1e-10)[0], -limit, limit)
-            tries += [(i, value[i] + s * c) for c in (1.0, 1 / 3, 1 / 9, 1 / 27)]
-        variants = [Variant(theta + some[i].basis @ v, record) for i, v in tries]
-        now = log_likelihood(setup.runner(variants))
-        gained = set()
-        for i in active:
-            best = max((k for k, (owner, _) in enumerate(tries) if owner == i), key=lambda k: now[k])
-            if now[best] > L[i]:
-                gained |= {i} if now[best] - L[i] > 0.05 else set()
-                value[i], L[i] = tries[best][1], now[best]
-        active = [i for i in active if i in gained and some[i].basis.shape[1] == 1]
-        if not active:
-            break
-        points = [(theta + some[i].basis @ value[i], some[i].basis) for i in active]
-        for i, at in zip(active, score_at(setup, points, record), strict=True):
-            slope[i], I[i] = at
+            pick.append(Candidate(h.kind, h.where, 0.0, np.zeros(h.basis.shape[1]), np.nan, h.basis))
+    tops = setup.climber.climb(
+        [Start(theta, c.basis, c.limits, record) for c in pick if c.basis is not None],
+        [here.along(c.basis) for c in pick if c.basis is not None],
+    )
     return [
-        Candidate(h.kind, h.where, float(L[i] - L0), value[i], float(1 / np.sqrt(max(I[i][0, 0], 1e-300))),
-                  theta=h.basis @ value[i])
-        for i, h in enumerate(some)
-    ]  # fmt: skip
+        replace(c.moved(value, there.deviations()), gain=there.L - here.L - 0.5 * np.log(T) * (len(value) - 1))
+        for c, (value, there) in zip(pick, tops, strict=True)
+    ]

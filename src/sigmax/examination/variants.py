@@ -94,6 +94,7 @@ class Runner:
         self.filter, self.family, self.update_first = filter, family, update_first
         kinds = [p.kind for p in family.parameters]
         self.of_prior = [i for i, kind in enumerate(kinds) if kind == "prior"]
+        self.late = kinds.index("input delay") if "input delay" in kinds else None
         self._ready: Prepared | None = None
         self._room = np.empty(0)
 
@@ -184,13 +185,18 @@ class Runner:
         made = self._room[:size].reshape(shape)
         for row, (theta, r) in zip(made, variants, strict=True):
             row[:, : at - k] = r.u
-            row[0, at - k : at] = 0
-            if k:
-                row[1:, at - k : at] = np.diff(r.u[:, :k], axis=0) / np.maximum(r.dt[1:, None], 1e-12)
+            late = 0.0 if self.late is None else float(theta[self.late])
+            row[:, at - k : at] = _late(r, k, late) - r.u[:, :k] if late else 0.0
             row[:, at:behind] = theta
             row[:, behind : behind + M] = r.extra + r.out * r.huge
             row[:, -1] = r.q_factor
         return made
+
+
+def _late(r: RecordData, driven: int, by: float) -> np.ndarray:
+    """The user's inputs (T, k) as they were so much before, on straight lines between the rows."""
+    t = np.cumsum(r.dt)
+    return np.column_stack([np.interp(t - by, t, r.u[:, i]) for i in range(driven)])
 
 
 def _nis(nu: np.ndarray, S: np.ndarray) -> np.ndarray:
