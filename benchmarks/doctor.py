@@ -100,9 +100,8 @@ def faults(worlds: dict[str, Callable[[], World]], seeds: range) -> None:
                 f = next(iter(examined(given.world, given.z).findings), None)
                 named = f is not None and bool({f.kind, *f.either_kinds} & set(case.kinds))
                 sized = None
-                # Of two sensors the other one may be late the other way round.
-                here = f is not None and (f.kind != "delay" or f.where == next(iter(given.z)))
-                if f is not None and here and case.size is not None and f.kind == case.kinds[0]:
+                # Of two sensors the other one may be late, or too short, the other way round: then it has no size here.
+                if f is not None and case.size is not None and f.kind == case.kinds[0] and placed(f.where, given):
                     sized = abs(f.value - case.size) < 2 * f.std
                 said = f"{'silent' if f is None else f.kind} ({name})"
                 rows[case.fault].append(row := Row(case.strength, tells(given), f is not None, named, sized, said))
@@ -126,6 +125,11 @@ def faults(worlds: dict[str, Callable[[], World]], seeds: range) -> None:
               f"named first or tied {np.mean([r.named for r in some]):.3f}", flush=True)  # fmt: skip
     sized = [r.sized for r in large if r.told and r.sized is not None]
     print(f"\nOf {len(sized)} sizes {np.mean(sized):.3f} are within two standard errors.\n", flush=True)
+
+
+def placed(where: str, given: Faulty) -> bool:
+    """Whether a finding is not about another sensor than the first, which the faults are put into."""
+    return not any(where.split(".")[0] == s for s in list(given.z)[1:])
 
 
 def shares(groups: list[list[bool]]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 import sigmax
-from doctor_worlds import Drawn, World, measured, process_noise
+from doctor_worlds import Drawn, World, drawn, measured, process_noise
 
 
 class Faulty(NamedTuple):
@@ -142,6 +142,16 @@ def turned(c: float) -> Any:
     return made
 
 
+def manoeuvre(c: float) -> Any:
+    """Three jumps of the state, of c deviations of Q."""
+
+    def made(world: World, d: Drawn, rng: np.random.Generator) -> Faulty:
+        seed = int(rng.integers(2**31))
+        return Faulty(world, drawn(world, seed, c).z, (world, drawn(world, seed).z))
+
+    return made
+
+
 def stuck(v: np.ndarray, length: int) -> np.ndarray:
     """The first value after row 100 held for some values."""
     v, rows = v.copy(), np.flatnonzero(np.isfinite(v))
@@ -200,6 +210,8 @@ def cases() -> Iterator[Case]:
         yield Case("input delay", ("input delay",), i, -c, wrong_inputs(lambda u, c=c: shifted(u, c)), driven)
     for i, c in enumerate((0.1, 0.3, 0.8)):
         yield Case("input axes", ("input rotation",), i, -c, wrong_inputs(lambda u, c=c: turn(u, c)), alike)
+    for i, c in enumerate((8.0, 16.0, 40.0)):
+        yield Case("manoeuvre", ("manoeuvre",), i, None, manoeuvre(c))
     yield Case("inputs swapped", ("swap",), 2, None, wrong_inputs(lambda u: u[:, ::-1].copy()), alike)
     yield Case("input sign", ("sign",), 2, None, wrong_inputs(lambda u: u * [1, -1]), driven)
     yield Case("sign", ("sign",), 2, None, on_values(lambda v, s, g, x: -v))

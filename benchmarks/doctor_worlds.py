@@ -182,14 +182,17 @@ def measured(world: World, x: np.ndarray) -> dict[str, np.ndarray]:
     return {s: np.array(compiled(h, True)(x)) for s, h in world.model.sensors.items()}
 
 
-def drawn(world: World, seed: int | Sequence[int]) -> Drawn:
-    """A record of a sound model."""
+def drawn(world: World, seed: int | Sequence[int], jumps: float = 0.0) -> Drawn:
+    """A record of a sound model; with jumps its state moves three times by so many deviations of Q."""
     rng, model = np.random.default_rng(seed), world.model
     x, Q, motion = rng.multivariate_normal(world.prior.mean, world.prior.cov), process_noise(model), model.motion
     states, noises = [], defaultdict(list)
     for k in range(STEPS):
         u = () if world.inputs is None else (world.inputs[k],)
-        x = np.asarray(compiled(motion, False)(x, 1.0, *u)) + rng.multivariate_normal(np.zeros(len(x)), Q)
+        w = rng.multivariate_normal(np.zeros(len(x)), Q)
+        if jumps and k in (STEPS // 4, STEPS // 2, 3 * STEPS // 4):
+            w *= jumps / np.sqrt(w @ np.linalg.pinv(Q) @ w)
+        x = np.asarray(compiled(motion, False)(x, 1.0, *u)) + w
         states.append(x)
         for s in model.sensors:
             R = np.asarray(model.R[s].entries)

@@ -9,8 +9,10 @@ import numpy as np
 from sigmax.examination.climb import Start
 from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import Candidate, Setup, nis_per_value, normalised
-from sigmax.examination.variants import Innovations, RecordData
+from sigmax.examination.variants import Innovations, RecordData, Variant
 
+# Four times the R widens what is told by more than this; what is not told is at the end about as wide as at the start.
+_SAME, _AS_WIDE = 1.01, 0.9
 # Correlation is looked for up to so many values back, and is one from so many deviations and such a size on.
 _LAGS, _SURE, _LEAST = 12, 5.0, 0.1
 
@@ -97,6 +99,37 @@ def correlated(setup: Setup, outcome: Innovations, record: RecordData, provision
                 Finding("correlated", name, *said, one, 1 / np.sqrt(len(e)), gain, nis, nis, provisional=provisional)
             )
     return sorted(found, key=lambda f: -f.gain)[:1]
+
+
+def unobserved(setup: Setup, theta: np.ndarray, record: RecordData) -> tuple[str, ...]:
+    """Directions of the state of which the record tells nothing, in components.
+
+    There the covariance P at the end is that of the prior or wider, and what it is with R four times as large, P': of
+    the generalised eigenproblem P' v = λ P v those with λ = 1, which are the directions P v of the state.
+    """
+    from scipy.linalg import eigh
+
+    kinds = [p.kind for p in setup.runner.family.parameters]
+    less = theta + np.log(4) * np.array([kind == "R" for kind in kinds])
+    ends = setup.runner.ends([Variant(theta, record), Variant(less, record)])
+    spread = np.sqrt(np.diag(record.cov))
+    on = np.flatnonzero((spread > 0) & (np.diag(ends[0]) > 0))
+    if not len(on) or not np.isfinite(ends).all():
+        return ()
+    P, wide, begun = (m[np.ix_(on, on)] / np.outer(spread[on], spread[on]) for m in (*ends, record.cov))
+    try:
+        ratio, v = eigh(wide, P)
+    except np.linalg.LinAlgError:
+        return ()
+    names, found = [str(setup.runner.family.plain.state[i]) for i in on], list[str]()
+    for k in np.flatnonzero(ratio < _SAME):
+        if v[:, k] @ P @ v[:, k] < _AS_WIDE * (v[:, k] @ begun @ v[:, k]):
+            continue
+        d = P @ v[:, k]
+        d /= d[np.argmax(np.abs(d))]
+        parts = [f"{'−' if x < 0 else '+'} {names[i]}" for i, x in enumerate(d) if abs(x) > 0.2]
+        found.append(" ".join(parts).removeprefix("+ "))
+    return tuple(f"the state along {one}: no surer at the end than the prior" for one in found)
 
 
 def evidence(

@@ -38,7 +38,7 @@ class Alternative:
     """One of them.
 
     Attributes:
-        kind: "degrees", "units", "sign", "turned", "convention", "swap", "time units" or "prior".
+        kind: "degrees", "units", "sign", "turned", "convention", "swap", "time units", "prior" or "manoeuvre".
         where: what is changed.
         cause: in words.
         mend: what to do.

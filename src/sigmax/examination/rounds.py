@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sigmax.examination.after import correlated, evidence, needed
+from sigmax.examination.after import correlated, evidence, needed, unobserved
 from sigmax.examination.alternatives import alternatives, with_starts
+from sigmax.examination.manoeuvres import manoeuvres
 from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import (
     Candidate,
@@ -17,6 +18,7 @@ from sigmax.examination.search import (
     masked,
     nis_per_value,
     shapes,
+    stretch,
 )  # fmt: skip
 from sigmax.examination.values import copies, flaw
 from sigmax.examination.variants import Innovations, RecordData, Variant, log_likelihood
@@ -53,39 +55,26 @@ class Rounds:
 
     def examine(self) -> tuple[tuple[Finding, ...], tuple[str, ...], str]:
         """Findings, what is not determined, and why nothing can be said where it is so."""
-        flaws, whole = self._values()
-        theta, ended, accepted = np.zeros(len(self.setup.climber.steps)), set[tuple[str, str]](), list[Accepted]()
-        start = whole
+        flaws, start = self._values()
+        theta, whole, accepted = np.zeros(len(self.setup.climber.steps)), start, list[Accepted]()
         (record,), out = masked(self.setup, [Variant(theta, whole)])
-        for i in range(_ROUNDS):
-            self.say(f"round {i + 1} of at most {_ROUNDS}: {self.tested} hypotheses")
-            some = [a for a in self.some if (a.kind, a.where) not in ended]
-            as_it_stands = float(log_likelihood(out)[0])
-            if not _NEAR < nis_per_value(out, record) < 1 / _NEAR:
-                some += with_starts(self.setup.runner.family, some)
-            found = discrete(self.setup, theta, whole, some, as_it_stands)
-            if np.isfinite(as_it_stands):
-                if ("shape", "") not in ended:
-                    found += shapes(self.setup, out, record, whole)
-                found += continuous(self.setup, theta, record, ended)
-            found = sorted(filter(_matters, found), key=lambda c: -c.gain)
-            if not found or found[0].gain < self.limit:
-                break
-            best, *others = _preferred(found, self.limit)
-            before = nis_per_value(self.setup.runner([Variant(theta, whole)]), whole)
-            if best.kind in _SHAPES:
-                ended.add(("shape", ""))
-            ended.add((best.kind, best.where))
-            theta = theta if best.basis is None else theta + best.basis @ best.value
-            whole = whole if best.alternative is None else best.alternative.change(whole)
-            (record,), out = masked(self.setup, [Variant(theta, whole)])
-            accepted.append(Accepted(best, others, (before, nis_per_value(out, record))))
+        T, first = len(whole.dt), stretch(whole)
+        for rows in (T,) if first == T else (first, T):
+            while len(accepted) < _ROUNDS:
+                of = "" if rows == T else f" on the first {rows:,} of {T:,} rows"
+                self.say(f"round {len(accepted) + 1} of at most {_ROUNDS}{of}: {self.tested} hypotheses")
+                found = self._found(theta, whole, rows, accepted)
+                if not found or found[0].gain < self.limit:
+                    break
+                best, *others = _preferred(found, self.limit)
+                before = nis_per_value(self.setup.runner([Variant(theta, whole)]), whole)
+                theta = theta if best.basis is None else theta + best.basis @ best.value
+                whole = whole if best.alternative is None else best.alternative.change(whole)
+                (record,), out = masked(self.setup, [Variant(theta, whole)])
+                accepted.append(Accepted(best, others, (before, nis_per_value(out, record))))
         if not np.isfinite(log_likelihood(out)[0]):
-            return (
-                (),
-                (),
-                f"the filter fails on the model as it stands, {out.first_fault}, and nothing examined mends it",
-            )
+            why = f"the filter fails on the model as it stands, {out.first_fault}, and nothing examined mends it"
+            return (), (), why
         said = list[Finding]()
         if accepted:
             self.say("all causes together, and each left out once")
@@ -99,7 +88,27 @@ class Rounds:
         findings = (*flaws, *said, *correlated(self.setup, out, record, bool(flaws or said)))
         if findings:
             self.evidence = evidence(self.setup, findings[0].where, (self.first, out), (self.record, record))
-        return findings, self._undetermined(theta, record), ""
+        return findings, (*unobserved(self.setup, theta, record), *self._undetermined(theta, record)), ""
+
+    def _found(self, theta: np.ndarray, whole: RecordData, rows: int, accepted: Sequence[Accepted]) -> list[Candidate]:
+        """What the first rows tell, the likeliest in front; of all rows of a long record, what has a score alone."""
+        part = whole.first(rows)
+        (record,), out = masked(self.setup, [Variant(theta, part)])
+        ended = {(a.best.kind, a.best.where) for a in accepted}
+        as_it_stands = float(log_likelihood(out)[0])
+        found = list[Candidate]()
+        if rows == stretch(whole):
+            some = [a for a in self.some if (a.kind, a.where) not in ended]
+            if np.isfinite(as_it_stands):
+                some += [a for a in manoeuvres(self.setup, out, record) if "manoeuvre" not in {k for k, _ in ended}]
+            if not _NEAR < nis_per_value(out, record) < 1 / _NEAR:
+                some += with_starts(self.setup.runner.family, some)
+            found += discrete(self.setup, theta, part, some, as_it_stands)
+        if np.isfinite(as_it_stands):
+            if not {kind for kind, _ in ended} & set(_SHAPES):
+                found += shapes(self.setup, out, record, part)
+            found += continuous(self.setup, theta, record, ended)
+        return sorted(filter(_matters, found), key=lambda c: -c.gain)
 
     def _values(self) -> tuple[list[Finding], RecordData]:
         """Flaws of the values themselves, and the record without them."""

@@ -13,6 +13,8 @@ from sigmax.examination.variants import Innovations, RecordData, Runner, Variant
 
 # Values farther off than so many robust deviations are left out: in how many rounds, and how large a share at most.
 _FAR, _ROUNDS, _MOST = 4.5, 4, 0.3
+# A longer record is searched in its first rows, as long as these have so many values of each component.
+_LONG, _VALUES = 8000, 200
 # So many readings of the record as a whole are looked at closely.
 _READINGS = 8
 
@@ -85,6 +87,15 @@ def normalised(outcome: Innovations, record: RecordData, i: int = 0) -> tuple[np
     return nu / np.sqrt(np.maximum(S - record.out * record.huge, 1e-12 * S)), seen
 
 
+def stretch(record: RecordData) -> int:
+    """How many of the first rows are searched for causes; what is found is fitted to all rows."""
+    seen = np.isfinite(np.concatenate(list(record.z.values()), 1)).cumsum(0)
+    rows, T = _LONG, len(record.dt)
+    while rows < T and (seen[rows - 1] < np.minimum(_VALUES, seen[-1])).any():
+        rows *= 2
+    return min(rows, T)
+
+
 def nis_per_value(outcome: Innovations, record: RecordData) -> float:
     """NIS over the number of values that are not left out."""
     seen = np.concatenate(list(outcome.seen.values()), 1) & ~record.out
@@ -132,7 +143,7 @@ def discrete(
     out = setup.runner([Variant(theta, record), *(Variant(theta, a.change(record)) for a in some)])
     L = log_likelihood(out)
     fit = [
-        np.isfinite(v) and (a.kind != "time units" or _plausible(out, i))
+        np.isfinite(v) and (a.kind not in ("time units", "manoeuvre") or _plausible(out, i))
         for i, (v, a) in enumerate(zip(L[1:], some, strict=True), 1)
     ]
     gains = np.array([v + a.jacobian for v, a in zip(L[1:], some, strict=True)]) - (L[0] if np.isfinite(L[0]) else 0.0)
@@ -151,7 +162,7 @@ def _read(a: Alternative, gain: float) -> Candidate:
 
 
 def _plausible(out: Innovations, i: int) -> bool:
-    """Whether the median NIS is about what it should be: a longer dt is also a larger Q."""
+    """Whether the median NIS is about what it should be: a longer dt, and Q in some rows, are also a larger Q."""
     from scipy.special import chdtri
 
     ratios = []

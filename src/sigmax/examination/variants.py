@@ -46,6 +46,13 @@ class RecordData:
     huge: np.ndarray
     q_factor: np.ndarray
 
+    def first(self, rows: int) -> "RecordData":
+        """The first rows."""
+        if rows >= len(self.dt):
+            return self
+        cut = {name: getattr(self, name)[:rows] for name in ("dt", "u", "out", "q_factor")}
+        return replace(self, z={s: v[:rows] for s, v in self.z.items()}, **cut)
+
     def with_values(self, sensor: str, j: int, values: np.ndarray) -> "RecordData":
         """Another series of one component."""
         own = self.z[sensor].copy()
@@ -115,20 +122,13 @@ class Runner:
             first.first_fault,
         )
 
+    def ends(self, variants: Sequence[Variant]) -> np.ndarray:
+        """The covariances at the end of the record, (B, n, n)."""
+        done, _ = self._run(variants, _KEPT | {"mean", "factor"})
+        return np.asarray(done.cov)[:, -1]
+
     def _batch(self, variants: Sequence[Variant]) -> Innovations:
-        records = [variant.record for variant in variants]
-        alone = all(r is records[0] for r in records)
-        inputs = self._inputs(variants)
-        mean = np.stack(
-            [r.mean + t.theta[self.of_prior] * np.sqrt(np.diag(r.cov)) for t, r in zip(variants, records, strict=True)]
-        )
-        prior = Gaussian(mean, np.stack([r.cov for r in records]))
-        # What is the same for all is not repeated: a long record has many values.
-        z = {s: v if alone else np.stack([r.z[s] for r in records]) for s, v in records[0].z.items()}
-        dt = records[0].dt if alone else np.stack([r.dt for r in records])
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of hypotheses that nobody believes
-            done = self._run(prior, z, dt, inputs)
+        done, z = self._run(variants, _KEPT)
         sensors = list(z)
         nu, S = done.innovation, done.innovation_cov
         if not self.family.model.several:
@@ -153,8 +153,25 @@ class Runner:
             words[0] if fault[0].any() else "",
         )
 
-    def _run(self, prior: Gaussian, z: dict[str, np.ndarray], dt: np.ndarray, inputs: np.ndarray) -> Result:
-        """As `sigmax.run`, but what it checks of the model is checked once."""
+    def _run(self, variants: Sequence[Variant], keep: frozenset[str]) -> tuple[Result, dict[str, np.ndarray]]:
+        """As `sigmax.run`, but what it checks of the model is checked once; and what was measured."""
+        records = [variant.record for variant in variants]
+        alone = all(r is records[0] for r in records)
+        inputs = self._inputs(variants)
+        mean = np.stack(
+            [r.mean + t.theta[self.of_prior] * np.sqrt(np.diag(r.cov)) for t, r in zip(variants, records, strict=True)]
+        )
+        prior = Gaussian(mean, np.stack([r.cov for r in records]))
+        # What is the same for all is not repeated: a long record has many values.
+        z = {s: v if alone else np.stack([r.z[s] for r in records]) for s, v in records[0].z.items()}
+        dt = records[0].dt if alone else np.stack([r.dt for r in records])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of hypotheses that nobody believes
+            return self._filtered(prior, z, dt, inputs, keep), z
+
+    def _filtered(
+        self, prior: Gaussian, z: dict[str, np.ndarray], dt: np.ndarray, inputs: np.ndarray, keep: frozenset[str]
+    ) -> Result:
         model = self.family.model
         if self._ready is None:
             given = z if model.several else next(iter(z.values()))
@@ -164,10 +181,11 @@ class Runner:
             batch=len(inputs),
         )  # fmt: skip
         total, parts = attempt(
-            None, False, lambda: native_engine.filtered(_KEPT, ready), lambda: xla_engine.filtered(_KEPT, ready, False)
+            None, False, lambda: native_engine.filtered(keep, ready), lambda: xla_engine.filtered(keep, ready, False)
         )
         return Result(
-            layout=ready.layout._replace(filter=self.filter.name), stored_mean=None, stored_factor=None,
+            layout=ready.layout._replace(filter=self.filter.name), stored_mean=parts.get("mean"),
+            stored_factor=parts.get("factor"),
             stored_fault=parts["fault"], stored_modes=None, stored_innovations=parts["innovation"], stored_nis=None,
             stored_log_likelihood=None, stored_count=None, stored_total=total,
         )  # fmt: skip
