@@ -9,8 +9,9 @@ from sigmax.examination.scores import scores
 from sigmax.examination.variants import RecordData, Runner, Variant, log_likelihood
 
 _FORWARD = 1e-3
-# A climb ends where the next step promises less than this, or where so small a share of a step does not gain.
-_ENOUGH, _SMALLEST, _MOST = 0.02, 0.02, 15
+# A climb ends where the next step promises less than this, where one gained but little (the next, of Newton's, would
+# gain next to nothing, and a noise that wants to be 0 would go on for ever), or where so small a share does not gain.
+_ENOUGH, _LITTLE, _SMALLEST, _MOST = 0.02, 0.1, 0.02, 15
 
 
 class Slope(NamedTuple):
@@ -91,8 +92,9 @@ class Climber(NamedTuple):
                 for i, v in zip(active, tries, strict=True)
             ]
             for i, v, there in zip(active, tries, self.slopes(points), strict=True):
-                if there.L > here[i].L:
-                    value[i], here[i], share[i] = v, there, 1.0
+                gained = there.L - here[i].L
+                if gained > 0:
+                    value[i], here[i], share[i] = v, there, 1.0 if gained > _LITTLE else 0.0
                 else:
                     share[i] /= 3
             active = [i for i in active if share[i] > _SMALLEST]

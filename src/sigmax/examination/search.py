@@ -14,7 +14,7 @@ from sigmax.examination.variants import Innovations, RecordData, Runner, Variant
 # Values farther off than so many robust deviations are left out: in how many rounds, and how large a share at most.
 _FAR, _ROUNDS, _MOST = 4.5, 4, 0.3
 # A longer record is searched in its first rows, as long as these have so many values of each component.
-_LONG, _VALUES = 8000, 200
+_LONG, _VALUES = 5000, 200
 # So many readings of the record as a whole are looked at closely.
 _READINGS = 8
 

@@ -70,7 +70,10 @@ def _noise(c: Candidate, v: float, variance: float | None) -> tuple[str, str, st
     if c.kind == "R" and variance and abs(v - np.log(variance)) < max(3 * c.std, 0.05) and abs(v) > 0.5:
         known = f" (its own root: {variance:.4g} is the deviation, and R wants the variance {variance**2:.4g})"
     by = np.exp(abs(v))
-    size = f"factor {by:.3g}, within {by * np.exp(-c.std):.3g} to {by * np.exp(c.std):.3g}{known}"
+    if c.std > 1:
+        size = f"a factor of about {by:.2g}, which the record does not tell closely"
+    else:
+        size = f"factor {by:.3g}, within {by * np.exp(-c.std):.3g} to {by * np.exp(c.std):.3g}{known}"
     way = "small" if v > 0 else "large"
     now = f": {variance:.4g} → {variance * np.exp(v):.4g}" if variance and c.kind == "R" else ""
     return f"{c.kind} of {c.where} is too {way}", size, f"multiply it by {np.exp(v):.3g}{now}"
