@@ -1,6 +1,6 @@
 """How often `sigmax.doctor` names a fault that was put into a record, and how often it speaks of a sound one.
 
-python benchmarks/doctor.py [--sound N] [--seeds N] [--only set|scored] [--model NAME]
+python benchmarks/doctor.py [--sound N] [--seeds N] [--only set|scored] [--model NAME] [--jobs N]
 
 Thresholds may be set on the models and seeds of the tables "set on"; those of "scored" are other models with other
 seeds, and nothing was set on them.
@@ -15,7 +15,8 @@ import argparse
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from functools import partial
+from multiprocessing import get_context
 from typing import NamedTuple
 from zlib import crc32
 
@@ -23,7 +24,7 @@ import numpy as np
 
 import sigmax
 from doctor_faults import Faulty, cases
-from doctor_worlds import SCORED, SET_ON, World, drawn
+from doctor_worlds import SCORED, SET_ON, WORLDS, World, drawn
 from sigmax.examination import Examination
 
 # What a cause must gain to be believed by the doctor, about.
@@ -62,20 +63,24 @@ def tells(case: Faulty) -> bool:
     return not np.isfinite(wrong) or likelihood(*case.right) - case.jacobian - wrong > LIMIT
 
 
-def sound(worlds: dict[str, Callable[[], World]], seeds: range) -> None:
+def sound(name: str, seeds: range) -> list[str]:
+    """The kinds of the first findings in sound records of a model."""
+    world, kinds = WORLDS[name](), []
+    for seed in seeds:
+        found = examined(world, drawn(world, [seed, crc32(name.encode())]).z).findings
+        kinds += [found[0].kind] if found else []
+    return kinds
+
+
+def print_sound(kinds: dict[str, list[str]], seeds: range) -> None:
     """How many sound records have a finding."""
-    total = 0
-    for name, make in worlds.items():
-        world, kinds = make(), defaultdict(int)
-        for seed in seeds:
-            found = examined(world, drawn(world, [seed, crc32(name.encode())]).z).findings
-            if found:
-                kinds[found[0].kind] += 1
-        spoken = sum(kinds.values())
-        total += spoken
-        print(f"| {name} | {len(seeds)} | {spoken} | {', '.join(f'{k} {v}' for k, v in kinds.items())} |", flush=True)
-    count = len(seeds) * len(worlds)
-    print(f"\nSound: {total} of {count} with a finding, at most {100 * bound(total, count):.2g} % (at 95 %)")
+    for name, some in kinds.items():
+        said = ", ".join(f"{k} {some.count(k)}" for k in sorted(set(some)))
+        print(f"| {name} | {len(seeds)} | {len(some)} | {said} |")
+    total, count = sum(map(len, kinds.values())), len(seeds) * len(kinds)
+    print(
+        f"\nSound: {total} of {count} with a finding, at most {100 * bound(total, count):.2g} % (at 95 %)", flush=True
+    )
 
 
 def bound(k: int, n: int) -> float:
@@ -85,30 +90,33 @@ def bound(k: int, n: int) -> float:
     return float(beta.ppf(0.95, k + 1, n - k)) if n else 1.0
 
 
-def faults(worlds: dict[str, Callable[[], World]], seeds: range) -> None:
+def faults(name: str, seeds: range) -> list[tuple[str, Row]]:
+    """What the doctor says of each fault of a model, by the name of the fault."""
+    world, rows = WORLDS[name](), []
+    for case in cases():
+        for seed in seeds if case.fits(world) else ():
+            # Draws of their own: the same ones for all models and strengths are one sample.
+            draw = [seed, crc32(name.encode()), crc32(case.fault.encode()), case.strength]
+            given = case.made(world, drawn(world, draw), np.random.default_rng([*draw, 1]))
+            f = next(iter(examined(given.world, given.z).findings), None)
+            named = f is not None and bool({f.kind, *f.either_kinds} & set(case.kinds))
+            sized = None
+            # Of two sensors the other one may be late, or too short, the other way round: then it has no size here.
+            if f is not None and case.size is not None and f.kind == case.kinds[0] and placed(f.where, given):
+                sized = abs(f.value - case.size) < 2 * f.std
+            said = f"{'silent' if f is None else f.kind} ({name})"
+            row = Row(case.strength, tells(given), f is not None, named, sized, said)
+            rows.append((case.fault, row))
+            if row.told and not named:
+                print(f"{case.fault}, strength {case.strength + 1}, seed {seed}: {said}", file=sys.stderr, flush=True)
+    return rows
+
+
+def print_faults(every: list[tuple[str, Row]]) -> None:
     """Shares of faults found, named first or tied, and sizes within two standard errors."""
     rows: dict[str, list[Row]] = defaultdict(list)
-    for name, make in worlds.items():
-        world = make()
-        for case in cases():
-            if not case.fits(world):
-                continue
-            for seed in seeds:
-                # Draws of their own: the same ones for all models and strengths are one sample.
-                draw = [seed, crc32(name.encode()), crc32(case.fault.encode()), case.strength]
-                given = case.made(world, drawn(world, draw), np.random.default_rng([*draw, 1]))
-                f = next(iter(examined(given.world, given.z).findings), None)
-                named = f is not None and bool({f.kind, *f.either_kinds} & set(case.kinds))
-                sized = None
-                # Of two sensors the other one may be late, or too short, the other way round: then it has no size here.
-                if f is not None and case.size is not None and f.kind == case.kinds[0] and placed(f.where, given):
-                    sized = abs(f.value - case.size) < 2 * f.std
-                said = f"{'silent' if f is None else f.kind} ({name})"
-                rows[case.fault].append(row := Row(case.strength, tells(given), f is not None, named, sized, said))
-                if row.told and not named:
-                    print(
-                        f"{case.fault}, strength {case.strength + 1}, seed {seed}: {said}", file=sys.stderr, flush=True
-                    )
+    for fault, row in every:
+        rows[fault].append(row)
     for fault, found in rows.items():
         at = [[r for r in found if r.told and r.strength == i] for i in range(3)]
         told = " ".join(f"{len(some)}/{sum(r.strength == i for r in found)}" for i, some in enumerate(at))
@@ -141,24 +149,29 @@ def main() -> int:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sound", type=int, default=100)
-    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--only", choices=("set", "scored"))
-    parser.add_argument("--model", action="append", help="of one model, or some: " + ", ".join([*SET_ON, *SCORED]))
+    parser.add_argument("--model", action="append", help="of one model, or some: " + ", ".join(WORLDS))
+    parser.add_argument("--jobs", type=int, default=2, help="models at a time")
     given, begun = parser.parse_args(), time.perf_counter()
-    for title, worlds, first in (("set on", SET_ON, 0), ("scored", SCORED, 1000)):
-        if given.only and not title.startswith(given.only):
-            continue
-        worlds = {name: make for name, make in worlds.items() if not given.model or name in given.model}
-        print(f"{title}\n")
-        if given.sound:
-            print("| sound model | records | with a finding | of kind |\n|---|---|---|---|")
-            sound(worlds, range(first, first + given.sound))
-        print(
-            "\n| fault | told by the record (strength 1 2 3) | found | named first or tied "
-            "| size within 2 std | else |\n"
-            "|---|---|---|---|---|---|"
-        )
-        faults(worlds, range(first + 500, first + 500 + given.seeds))
+    with get_context("spawn").Pool(given.jobs, maxtasksperchild=1) as pool:
+        for title, worlds, first in (("set on", SET_ON, 0), ("scored", SCORED, 1000)):
+            names = [name for name in worlds if not given.model or name in given.model]
+            if (given.only and not title.startswith(given.only)) or not names:
+                continue
+            seeds = range(first, first + given.sound), range(first + 500, first + 500 + given.seeds)
+            asked = pool.map_async(partial(faults, seeds=seeds[1]), names, 1)
+            print(f"{title}\n")
+            if given.sound:
+                print("| sound model | records | with a finding | of kind |\n|---|---|---|---|")
+                kinds = pool.map(partial(sound, seeds=seeds[0]), names, 1)
+                print_sound(dict(zip(names, kinds, strict=True)), seeds[0])
+            print(
+                "\n| fault | told by the record (strength 1 2 3) | found | named first or tied "
+                "| size within 2 std | else |\n"
+                "|---|---|---|---|---|---|"
+            )
+            print_faults([row for some in asked.get() for row in some])
     print(f"{time.perf_counter() - begun:.0f} s")
     return 0
 

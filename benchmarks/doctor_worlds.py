@@ -163,6 +163,7 @@ SET_ON: dict[str, Callable[[], World]] = {
 SCORED: dict[str, Callable[[], World]] = {
     "two radars": two_radars, "satellite drive": satellite_drive, "pendulum": pendulum, "ship": ship,
 }  # fmt: skip
+WORLDS = SET_ON | SCORED
 
 
 def process_noise(model: Model) -> np.ndarray:
