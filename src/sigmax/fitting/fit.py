@@ -7,20 +7,18 @@ import numpy as np
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
-from sigmax.fitting.determined import covariance, untold
 from sigmax.fitting.family import Build
-from sigmax.fitting.found import Along, Fit, HeldOut
+from sigmax.fitting.found import Fit
+from sigmax.fitting.judge import Begin, judged, with_filter_numbers
 from sigmax.fitting.likelihood import Data, Likelihoods, first_fault
-from sigmax.fitting.search import search_of
-from sigmax.fitting.summit import Summit, climb
+from sigmax.fitting.outer import Lattice, Tried, filter_of, names_read
+from sigmax.fitting.search import Parameters, search_of
+from sigmax.fitting.summit import climb
 from sigmax.running.prepare import as_filter
-
-# The picture along a number: so many deviations to each side, at so many places.
-_WIDE, _PLACES = 3.0, 13
 
 
 def fit(
-    filter: Filter | str,
+    filter: Filter | str | Callable[[Parameters], Filter],
     build: Build,
     start: Mapping[str, Any],
     z: Any,
@@ -41,7 +39,9 @@ def fit(
     tenth of a standard error, steps Newton's.
 
     Args:
-        filter: whose likelihood, its update included: a robust one has the tails of its own density.
+        filter: whose likelihood, its update included: a robust one has the tails of its own density. Or a function of
+            the parameters that gives it, `lambda p: sigmax.get("UKF", alpha=p["alpha"])`: those that it reads need
+            bounds, and are tried on a lattice, for each value is compiled.
         build: parameters by name -> (model, prior); written with `jax.numpy` where it computes with them.
         start: where to start, numbers or arrays by name.
         z: the record, as in `run`; the likelihoods of a batch are added.
@@ -63,31 +63,68 @@ def fit(
     Raises:
         InputError: where a name is not known, or the likelihood at the start is not finite.
     """
-    chosen = as_filter(filter)
-    search, begin = search_of(start, positive, {} if bounds is None else bounds)
+    if not isinstance(start, Mapping) or not start:
+        raise InputError(
+            f"start must name the parameters and where they start, such as {{'sigma': 1.0}}; it is {start!r}"
+        )
     if not isinstance(hold_out, int | float) or isinstance(hold_out, bool) or not 0 <= hold_out <= 0.9:
         raise InputError(f"hold_out is the share of the last steps, from 0 to 0.9; it is {hold_out!r}")
     own = Data(build, z, dt, inputs, R, update_first)
     records = [own, *(_another(own, one, k) for k, one in enumerate(more))]
-    likelihoods = Likelihoods(chosen, records, search, begin)
-    at_start = float(likelihoods(begin[None])[0])
-    if not np.isfinite(at_start):
-        faults = [f for data in records for f in first_fault(data, chosen, search, begin)]
-        raise InputError(
-            f"the log-likelihood at the start is not finite ({'; '.join(faults[:1]) or at_start}); start elsewhere"
-        )
-    y = search.inside(begin)
+    limits = {} if bounds is None else bounds
+    if callable(filter) and not isinstance(filter, Filter):
+        return _with_filters(filter, records, (start, positive, limits), hold_out, progress)
+    chosen, (search, theta) = as_filter(filter), search_of(start, positive, limits)
+    likelihoods = Likelihoods(chosen, records, search, theta)
+    begin = Begin(likelihoods, theta, _at(likelihoods, chosen, theta))
+    y = search.inside(theta)
     summit = climb(likelihoods.inside(), y, search.unit(y), search.straight, progress)
-    found = untold(likelihoods.inside(), summit, search, search.labels)
-    spread = covariance(summit, search, found)
-    held = _held_out(likelihoods, summit, begin, 1 - hold_out, progress) if hold_out else None
-    along = _along(likelihoods, summit, spread)
-    best, std = (search.named(v) for v in (search.outside(summit.y), np.sqrt(np.diag(spread))))
-    return Fit(
-        best, std, summit.value, summit.converged, summit.message, likelihoods.evaluations,
-        tuple(one.said for one in found), search.labels, spread, search.named(begin), at_start, held, along,
-        chosen.name,
-    )  # fmt: skip
+    return judged(Tried(likelihoods, summit), begin, hold_out, progress)
+
+
+def _with_filters(
+    make: Callable[[Parameters], Filter],
+    records: list[Data],
+    given: tuple[Mapping[str, Any], Collection[str], Mapping[str, Any]],
+    hold_out: float,
+    progress: Callable[[str], Any] | None,
+) -> Fit:
+    """The fit where the filter is made of parameters, too."""
+    start, positive, bounds = given
+    names = names_read(make, start)
+    for name in names:
+        if name not in bounds:
+            raise InputError(f"{name} is one of the filter: give bounds={{{name!r}: (low, high)}} to look between")
+    own = {name: start[name] for name in names}
+    whole, at = search_of(own, (), {name: bounds[name] for name in names})
+    limits = dict(zip(whole.labels, zip(whole.low, whole.high, strict=True), strict=True))
+    others = {k: v for k, v in start.items() if k not in names}
+    search, theta = search_of(
+        others,
+        [name for name in positive if name not in names],
+        {k: v for k, v in bounds.items() if k not in names},
+    )
+    lattice = Lattice(make, records, search, theta, limits, progress)
+    first = lattice.likelihoods(tuple(at))
+    begin = Begin(first, theta, _at(first, filter_of(make, {**others, **own}), theta))
+    best = lattice.best(tuple(at))
+    found = judged(lattice.tried[best], begin, hold_out, progress)
+    return with_filter_numbers(found, lattice, best, dict(zip(limits, at, strict=True)))
+
+
+def _at(likelihoods: Likelihoods, filter: Filter, theta: np.ndarray) -> float:
+    """The log-likelihood at the start.
+
+    Raises:
+        InputError: where there is none.
+    """
+    value = float(likelihoods(theta[None])[0])
+    if not np.isfinite(value):
+        faults = [f for one in likelihoods.each for f in first_fault(one.data, filter, likelihoods.search, theta)]
+        raise InputError(
+            f"the log-likelihood at the start is not finite ({'; '.join(faults[:1]) or value}); start elsewhere"
+        )
+    return value
 
 
 def _another(own: Data, given: Mapping[str, Any], k: int) -> Data:
@@ -100,34 +137,3 @@ def _another(own: Data, given: Mapping[str, Any], k: int) -> Data:
         if name not in Data._fields:
             raise unknown("part of a record", name, Data._fields)
     return own._replace(**({"R": None, "inputs": None} | dict(given)))
-
-
-def _held_out(
-    likelihoods: Likelihoods, summit: Summit, begin: np.ndarray, share: float, progress: Callable[[str], Any] | None
-) -> HeldOut:
-    """The fit of the first steps, judged by the last ones; from the maximum of all of them it is near."""
-    search = likelihoods.search
-    early = likelihoods.inside(share)
-    first = climb(early, summit.y, search.unit(search.inside(begin)), search.straight, progress)
-    both = np.stack([begin, search.outside(first.y)])
-    before, after = likelihoods(both) - likelihoods(both, share)
-    steps = sum((one.steps - (likelihoods.first(one, share) or 0)) * one.tracks for one in likelihoods.each)
-    return HeldOut(steps, float(before), float(after))
-
-
-def _along(likelihoods: Likelihoods, summit: Summit, spread: np.ndarray) -> tuple[Along, ...]:
-    """The log-likelihood along each number, all in one batch."""
-    search = likelihoods.search
-    slope, places = search.slope(summit.y), np.linspace(-_WIDE, _WIDE, _PLACES)
-    directions = []
-    for i in range(search.size):
-        variance = spread[i, i]
-        if np.isfinite(variance) and variance > 0:
-            line = np.nan_to_num(spread[i] / np.sqrt(variance)) / slope
-        else:  # so far that something is seen of a number that is not told
-            line = np.eye(search.size)[i] * (1.0 if search.logarithmic[i] or search.boxed[i] else 10 * summit.steps[i])
-        directions.append(line)
-    points = np.concatenate([summit.y + places[:, None] * line for line in directions])
-    lost = (summit.value - likelihoods.inside()(points)).reshape(search.size, -1)
-    values = search.outside(points).reshape(search.size, _PLACES, -1)
-    return tuple(Along(name, values[i, :, i], lost[i]) for i, name in enumerate(search.labels))

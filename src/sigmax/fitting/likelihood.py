@@ -17,7 +17,7 @@ from sigmax.models.bias import joint
 from sigmax.models.checks import numbers
 from sigmax.models.model import Model
 from sigmax.native.fingerprint import fingerprint
-from sigmax.running import native_engine
+from sigmax.running import native_engine, xla_engine
 from sigmax.running.backend import attempt
 from sigmax.running.current import current
 from sigmax.running.prepare import prepare
@@ -76,6 +76,8 @@ class Likelihood:
     def __call__(self, theta: np.ndarray, until: int | None = None) -> np.ndarray:
         """Log-likelihoods (V,) of the steps before `until`; −∞ where a step failed."""
         T = self.steps if until is None else until
+        if not self.search.size:
+            return np.full(len(theta), self._alone(T))
         size = max(2, int(_MOST // (T * self.tracks * (self._width + 1))))
         blocks = [theta[i : i + size] for i in range(0, len(theta), size)]
         parts = [attempt(None, False, partial(self._natively, b, T), partial(self._by_xla, b, T)) for b in blocks]
@@ -130,6 +132,19 @@ class Likelihood:
             whole = np.concatenate(arrays)
             found.append(whole if self._moving else np.tile(whole, (len(theta), *(1,) * core)))
         return found[0], found[1]
+
+    def _alone(self, T: int) -> float:
+        """The log-likelihood of a model without parameters."""
+        ready = self.ready
+        z = {s: v[..., :T, :] for s, v in ready.z.items()}
+        cut = ready._replace(z=z, dt=ready.dt[..., :T], u=None if ready.u is None else ready.u[..., :T, :])
+        total, parts = attempt(
+            None,
+            False,
+            lambda: native_engine.filtered(_KEPT, cut),
+            lambda: xla_engine.filtered(_KEPT, cut, False),
+        )
+        return -np.inf if (np.asarray(parts["fault"]) > 0).any() else float(np.sum(total))
 
     def _by_xla(self, theta: np.ndarray, T: int) -> np.ndarray:
         if self._objective is None:

@@ -68,7 +68,7 @@ class Search:
 
     def flat(self, named: Mapping[str, Any]) -> np.ndarray:
         """The vector (p,) of parameters."""
-        return np.concatenate([np.ravel(np.asarray(named[name], float)) for name, _ in self.shapes])
+        return np.concatenate([np.zeros(0), *(np.ravel(np.asarray(named[name], float)) for name, _ in self.shapes)])
 
     def inside(self, theta: np.ndarray) -> np.ndarray:
         """Where parameters (..., p) are searched."""
@@ -113,10 +113,6 @@ def search_of(
     Raises:
         InputError: for what names no parameter, no number, or a start that is not within.
     """
-    if not isinstance(start, Mapping) or not start:
-        raise InputError(
-            f"start must name the parameters and where they start, such as {{'sigma': 1.0}}; it is {start!r}"
-        )
     values = {name: np.asarray(numbers(name, start[name]), float) for name in sorted(start)}
     for name, value in values.items():
         finite(f"{name} at the start", value)

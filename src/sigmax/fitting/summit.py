@@ -79,6 +79,9 @@ def climb(
         progress: is told of each step.
         most: steps.
     """
+    if not len(start):
+        none = np.zeros((0, 0))
+        return Summit(start, float(f(start[None])[0]), start, none, start, True, _FOUND, 1)
     y, h, count, tries = start.astype(float), 1e-2 * unit, 0, 0
     straight = np.zeros(len(y), bool) if straight is None else straight
     reach = np.where(straight, 1e9, _FARTHEST) * unit
