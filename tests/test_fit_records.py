@@ -7,9 +7,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+import sigmax
 from sigmax.cli.app import app
 from sigmax.errors import InputError
 from sigmax.records import load
+from sigmax.records.fitted import fitted
 from sigmax.records.freed import find
 from sigmax.records.freed_model import build_of
 from sigmax.records.refit import refit
@@ -98,7 +100,7 @@ def test_the_likelihood_of_a_number_is_that_of_its_description(folder):
     path = folder / "level.toml"
     record = load(str(path))
     names = ("scaled.noise.x", "prior.vx.std", "bias.factor.std", "prior.x.mean", "R.gauge")
-    numbers = find(record, path, dict.fromkeys(names))
+    numbers = find(record, path, record.trials[0], dict.fromkeys(names))
     assert [n.unit for n in numbers] == ["m", "m/s", "", "", ""]
     values = {"scaled.noise.x": 2.0, "prior.vx.std": 1.0, "bias.factor.std": 0.5, "prior.x.mean": 4.0, "R.gauge": 9.0}
     model, prior = build_of(record, path, numbers, lambda m: (m, record.prior))(values)
@@ -149,6 +151,8 @@ def test_what_is_not_determined_is_said_and_not_written(folder):
         ("Q.z", "unknown component 'z'"),
         ("R.radar", "unknown sensor 'radar'"),
         ("R.gauge.y", "unknown component 'y'"),
+        ("alpha", "EKF has no parameter 'alpha'"),
+        ("nu", "no update has it"),
         ("Q,Q", "twice"),
         ("Q=1..x", "the bounds are numbers"),
         ("Q=3", "NAME=LOW..HIGH"),
@@ -168,3 +172,25 @@ def test_nothing_is_written_over(folder):
     assert "was not written by sigmax fit" in str(found.exception)
     found = run("plaza2", "--free", "Q", "--write")
     assert "is built in and has none" in str(found.exception)
+
+
+@pytest.mark.slow
+def test_numbers_of_the_filter_come_back_in_the_description(folder):
+    """Tails of a sensor with outliers, and the spread of points, where they stand."""
+    path = folder / "tails.toml"
+    table = pd.read_csv(folder / "level.csv")
+    table.loc[::9, "x"] += 25 * np.random.default_rng(0).standard_t(1.5, len(table.loc[::9]))
+    table.to_csv(folder / "tails.csv", index=False)
+    text = (folder / "level.toml").read_text().replace("level.csv", "tails.csv").replace('["EKF"]', '["UKF:kappa=1"]')
+    path.write_text(text.replace("[sensors.gauge]", '[sensors.gauge]\nupdate = "student(20)"').replace("100 cm", "3 m"))
+    made = refit([str(path)], ["nu,kappa=0.5..2"])
+    assert float(made.fit.parameters["nu"]) < 8
+    numbers = {n: (float(made.fit.parameters[n.name]), 0.1) for n in made.numbers}
+    new = fitted(path, made.trial, numbers)
+    assert not new.left
+    (folder / "new.toml").write_text(new.text)
+    record = load(str(folder / "new.toml"))
+    assert record.updates["gauge"].weight.dof == pytest.approx(made.fit.parameters["nu"])
+    assert record.trials[0].name == f"UKF:kappa={made.fit.parameters['kappa']:g}"
+    done = sigmax.run(*record.told(record.trials[0]), record.z, dt=record.dt, update_first=True)
+    assert float(done.log_likelihood.sum()) == pytest.approx(made.fit.log_likelihood, rel=1e-9)

@@ -274,3 +274,33 @@ def test_the_truth_is_within_two_standard_errors(seeds):
             value = float(found.parameters[name])
             near.append(abs(np.log(value / true)) < 2 * found.std[name] / value)
     assert np.mean(near) > (0.75 if seeds < 20 else 0.92)
+
+
+@pytest.mark.slow
+def test_numbers_of_the_filter_are_fitted_with_the_others():
+    """The top of the profile over degrees of freedom, each place by a fit of its own."""
+    z = drawn(120)
+    z[::11] += 30
+
+    def made(p):
+        return sigmax.get("EKF", update=sigmax.robust("student", dof=p["nu"]))
+
+    start = {"q": 1.0, "r": 1.0, "nu": 4.0}
+    found = sigmax.fit(made, level, start, z, positive=("q", "r"), bounds={"nu": (0.5, 50)}, hold_out=0.3)
+    assert found.status == 0
+
+    def profile(nu):
+        return sigmax.fit(made({"nu": nu}), level, {"q": 1.0, "r": 1.0}, z, positive=("q", "r")).log_likelihood
+
+    nu, std = float(found.parameters["nu"]), float(found.std["nu"])
+    # A weight that is at most 1 bends the likelihood: its top is found to a thousandth.
+    assert profile(nu) == pytest.approx(found.log_likelihood, abs=1e-3)
+    assert found.log_likelihood > max(profile(nu * 0.8), profile(nu * 1.25)) - 0.05
+    lost = [found.log_likelihood - profile(nu + s * std) for s in (-1, 1)]
+    assert 0.2 < np.mean(lost) < 1.0
+    assert found.start["nu"] == 4.0
+    json.dumps(found.to_dict(), allow_nan=False)
+    with pytest.raises(sigmax.InputError, match="give bounds"):
+        sigmax.fit(made, level, start, z, positive=("q", "r"))
+    with pytest.raises(sigmax.InputError, match="must give a filter"):
+        sigmax.fit(lambda p: p["nu"], level, start, z, positive=("q", "r"), bounds={"nu": (0.5, 50)})

@@ -98,7 +98,7 @@ def _write(path: Path, target: Path, made: Refit, errors: Console) -> None:
     values: dict[Any, tuple[float, float]] = {
         n: (float(made.fit.parameters[n.name]), float(made.fit.std[n.name])) for n in made.numbers
     }
-    found = fitted(path, values)
+    found = fitted(path, made.trial, values)
     if found.changed:
         target.write_text(f"{_MARK} {path.name}; what was changed says so.\n{found.text}", encoding="utf-8")
         load(str(target))

@@ -7,17 +7,21 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.examination import Finding
+from sigmax.filters import named
 from sigmax.records.correct import Correction, correct
 from sigmax.records.freed import Number
+from sigmax.records.freed_filter import NAMES, changed, with_weights
+from sigmax.records.record import Trial
 from sigmax.records.toml_edit import Document
 from sigmax.views import words
 
 
-def fitted(path: Path, numbers: Mapping[Number, tuple[float, float]]) -> Correction:
+def fitted(path: Path, trial: Trial, numbers: Mapping[Number, tuple[float, float]]) -> Correction:
     """The description at `path` with numbers in it that were fitted; its comments stay.
 
     Args:
         path: of the description.
+        trial: the filter that was fitted.
         numbers: their values and standard errors, NaN for those that the record does not determine: they stay.
 
     Raises:
@@ -39,12 +43,14 @@ def fitted(path: Path, numbers: Mapping[Number, tuple[float, float]]) -> Correct
         try:
             if n.kind == "place":
                 document.put(n.at, _quantity(value, std, n.unit), reason)
+            elif n.kind == "filter":
+                _put_filter(document, n, value, trial, reason)
             else:
                 _put_value(document, n, value, std, reason)
             changed.append(reason)
         except (InputError, KeyError) as error:
             document.text = before
-            left.append(f"{reason}: not written, {error}; to do: set its prior")
+            left.append(f"{reason}: not written, {error}; to do: set it by hand")
     return Correction(document.text, tuple(changed), tuple(left))
 
 
@@ -65,6 +71,26 @@ def _quantity(value: float, std: float, unit: str) -> str | float:
     """A number to a hundredth of its standard error."""
     digits = max(2, int(np.ceil(np.log10(max(abs(value) / std, 1e-3)))) + 2)
     return f"{value:.{digits}g} {unit}" if unit else float(f"{value:.{digits}g}")
+
+
+def _put_filter(document: Document, n: Number, value: float, trial: Trial, reason: str) -> None:
+    """A number of the filter where it is written: in `filters`, or in the update of sensors."""
+    if NAMES[n.name].of == "points":
+        written = document.get(("filters",))
+        if trial.name not in written:
+            raise InputError(f"filters does not list {trial.name}")
+        new_ones = [changed(trial, {n.name: value}) if name == trial.name else name for name in written]
+        document.put(("filters",), new_ones, reason)
+        return
+    done = False
+    for sensor, part in document.get(("sensors",)).items():
+        update = named(part["update"]) if "update" in part else None
+        new = with_weights(update, {NAMES[n.name].called: value})
+        if new != update:
+            document.put(("sensors", sensor, "update"), str(new), reason)
+            done = True
+    if not done:
+        raise InputError("no sensor has an update with it")
 
 
 def _put_value(document: Document, n: Number, value: float, std: float, reason: str) -> None:

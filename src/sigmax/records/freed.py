@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.records.record import Record
+from sigmax.records.freed_filter import NAMES, start_of
+from sigmax.records.record import Record, Trial
 from sigmax.records.units import parts_of_quantity
 
 Place = tuple[str | int, ...]
@@ -28,7 +29,8 @@ class Number(NamedTuple):
 
     Attributes:
         name: as it was asked for.
-        kind: "factor" of Q or R, "value" of a component of state or bias, "place" in a description.
+        kind: "factor" of Q or R, "value" of a component of state or bias, "filter" for one of the filter or of its
+            update, "place" in a description.
         start: where it stands now, in its unit.
         unit: of the description, or SI.
         positive: whether it has to be.
@@ -67,11 +69,14 @@ def asked(text: Sequence[str]) -> dict[str, tuple[float, float] | None]:
     return found
 
 
-def find(record: Record, path: Path | None, names: Mapping[str, tuple[float, float] | None]) -> list[Number]:
+def find(
+    record: Record, path: Path | None, trial: Trial, names: Mapping[str, tuple[float, float] | None]
+) -> list[Number]:
     """The numbers of these names.
 
     Args:
         record: the record.
+        trial: its filter.
         path: of its description, None for one that is built in.
         names: and bounds.
 
@@ -79,10 +84,12 @@ def find(record: Record, path: Path | None, names: Mapping[str, tuple[float, flo
         InputError: for a name that is none, or stands for several numbers.
     """
     places = {} if path is None else dict(_places(tomllib.loads(path.read_text(encoding="utf-8"))))
-    return [_number(record, places, name, bounds) for name, bounds in names.items()]
+    return [_number(record, places, trial, name, bounds) for name, bounds in names.items()]
 
 
-def _number(record: Record, places: dict[Place, Any], name: str, bounds: tuple[float, float] | None) -> Number:
+def _number(
+    record: Record, places: dict[Place, Any], trial: Trial, name: str, bounds: tuple[float, float] | None
+) -> Number:
     head, _, rest = name.partition(".")
     if head in ("Q", "R"):
         at = _of_noise(record, head, rest, name)
@@ -95,11 +102,13 @@ def _number(record: Record, places: dict[Place, Any], name: str, bounds: tuple[f
             raise InputError(f"--free {name}: the state has parts that turn or point; free numbers of the description")
         at_start = float(mean[list(record.components).index(name)])
         return Number(name, "value", at_start, record.components[name].symbol, False, bounds, (name,))
+    if name in NAMES:
+        return Number(name, "filter", start_of(record, trial, name), "", False, bounds or NAMES[name].bounds, (name,))
     parts = tuple(re.sub(r"\[(\d+)\]", r".\1", name).split("."))
     fitting = [p for p in places if tuple(map(str, p))[-len(parts) :] == parts]
     fitting = [p for p in fitting if tuple(map(str, p)) == parts] or fitting
     if not fitting:
-        known = ["Q", "R", *record.components, *(".".join(map(str, p)) for p in places)]
+        known = ["Q", "R", *record.components, *NAMES, *(".".join(map(str, p)) for p in places)]
         raise InputError(f"--free: {unknown('number', name, known)}")
     if len(fitting) > 1:
         listed = ", ".join(".".join(map(str, p)) for p in fitting)

@@ -51,7 +51,7 @@ def build_of(
                 model = _with_factor(model, n.at, parameters[n.name])
             elif n.kind == "value":
                 model, prior = _with_value(model, prior, str(n.at[0]), parameters[n.name])
-            elif n.at[0] == "prior":
+            elif n.kind == "place" and n.at[0] == "prior":
                 prior = _with_prior(record, prior, n, parameters[n.name])
         return model, prior
 

@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.filters import Filter
 from sigmax.fitting import Fit, fit
 from sigmax.models import Gaussian, Model
 from sigmax.records.freed import Number, asked, find
+from sigmax.records.freed_filter import filter_made
 from sigmax.records.freed_model import build_of
 from sigmax.records.load import load, load_plots
-from sigmax.records.record import Record, Trial, parse_trial
+from sigmax.records.record import Record, Trial, parse_trial, with_updates
 
 
 class Refit(NamedTuple):
@@ -68,10 +70,11 @@ def refit(
         for a, b in zip(numbers, own, strict=True):
             if (a.unit, a.kind) != (b.unit, b.kind):
                 raise InputError(f"{a.name} is in {a.unit!r} in {records[0].name} and in {b.unit!r} in {other.name}")
-        if judge != chosen:
+        if record_filter(other, judge) != record_filter(records[0], chosen):
             raise InputError(f"{other.name} corrects by other updates than {records[0].name}: give one by --filter")
+    of_filter = [n.name for n in numbers if n.kind == "filter"]
     found = fit(
-        chosen,
+        filter_made(records[0], chosen, of_filter) if of_filter else record_filter(records[0], chosen),
         first["build"],
         {n.name: n.start for n in numbers},
         first["z"],
@@ -87,9 +90,14 @@ def refit(
     return Refit(found, tuple(numbers), tuple(records), tuple(paths), trial)
 
 
+def record_filter(record: Record, trial: Trial) -> Filter:
+    """The filter of a trial with the updates of a record's sensors."""
+    return with_updates(trial.filter, record.updates)
+
+
 def _given(record: Record, path: Path | None, wanted: Any, trial: Trial) -> tuple[list[Number], dict[str, Any], Any]:
     """The numbers, what `fit` is given of a record, and its filter."""
-    numbers = find(record, path, wanted)
+    numbers = find(record, path, trial, wanted)
     plain = trial._replace(fixed=tuple(f for f in trial.fixed if f not in wanted))
 
     def told(model: Model) -> tuple[Model, Gaussian]:
@@ -105,4 +113,4 @@ def _given(record: Record, path: Path | None, wanted: Any, trial: Trial) -> tupl
         "inputs": None if inputs is None else np.asarray(inputs),
         "update_first": record.update_first,
     }
-    return numbers, given, record.told(plain)[0]
+    return numbers, given, plain
