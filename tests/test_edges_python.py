@@ -3,6 +3,7 @@
 import datetime
 import decimal
 import fractions
+import inspect
 import warnings
 
 import jax
@@ -13,7 +14,8 @@ import pytest
 
 import sigmax
 from sigmax import filterpy as names_of_filterpy
-from sigmax import forms, motions, sensors
+from sigmax import forms, motions, navigation, sensors
+from sigmax.models import terrain
 from sigmax.tracking import Cycle, Detector, Modes, Scan, Tracker, jpda, m_of_n, positions, two_point
 
 CV = motions.constant_velocity(("a",))
@@ -182,6 +184,74 @@ def test_whatever_is_given_the_answer_is_right_or_an_error_in_words(entry):
             except Exception as error:  # this is what is looked for
                 raised[what] = f"{type(error).__name__}: {error}"[:200]
     assert not raised
+
+
+# What makes ready-made parts, and a right value for each argument that has none of its own.
+def makers():
+    for module in (motions, sensors, navigation, terrain):
+        for name, make in vars(module).items():
+            ours = inspect.isfunction(make) and make.__module__.startswith("sigmax.models") and not name.startswith("_")
+            if ours and inspect.signature(make, eval_str=True).return_annotation in (motions.Motion, sensors.Sensor):
+                yield f"{module.__name__.rpartition('.')[2]}.{name}", make
+
+
+def to_star(star):
+    return navigation.line_of_sight(star=star)
+
+
+def to_landmark(landmark):
+    return navigation.line_of_sight(landmark=landmark)
+
+
+# A line of sight wants one of two arguments.
+MAKERS = dict(makers()) | {
+    "navigation.line_of_sight": to_star,
+    "navigation.line_of_sight, landmark": to_landmark,
+    "sde": sigmax.sde,
+}
+ARGUMENTS = {
+    "first": CV, "second": FLAT, "Phi0": [1.0], "Phi_x": [[1.0]], "Phi_xx": [[[1.0]]], "H0": [1.0], "H_x": [[1.0]],
+    "H_xx": [[[1.0]]], "field": [1.0, 0.0, 0.0], "ground": lambda x, z: x + z, "drift": lambda x: -x,
+    "diffusion": [[1.0]], "star": [1.0, 0.0, 0.0], "landmark": [1.0, 2.0, 3.0],
+}  # fmt: skip
+
+
+def refused_in_words(call, parameter):
+    """What a call with each wrong value of one parameter raises other than words."""
+    raised = {}
+    for what, value in WRONG.items():
+        try:
+            call(**{parameter: value})
+        except sigmax.InputError as error:
+            raised |= {} if len(str(error)) > 20 else {what: str(error)}
+        except Exception as error:  # this is what is looked for
+            raised[what] = f"{type(error).__name__}: {error}"[:120]
+    return raised
+
+
+def wanting(function):
+    """The arguments of a function without a value of their own, with a right one."""
+    free = {n: p for n, p in inspect.signature(function).parameters.items() if p.default is p.empty}
+    return {n: ARGUMENTS.get(n, 0.1) for n, p in free.items() if p.kind is not p.VAR_POSITIONAL}
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_what_ready_made_parts_are_made_of_is_taken_or_refused_in_words(name):
+    """Every argument of every ready-made motion and sensor, and of the noise of the motion."""
+    make = MAKERS[name]
+    right = wanting(make)
+    part, raised = make(**right), {}
+    for parameter in inspect.signature(make).parameters:
+        raised[parameter] = refused_in_words(lambda **wrong: make(**right | wrong), parameter)
+    if isinstance(part, motions.Motion):
+        noise = getattr(part.noise, "function", part.noise)
+        given = wanting(noise)
+        for parameter, p in inspect.signature(noise).parameters.items():
+            if p.kind is p.VAR_POSITIONAL:
+                raised["noise"] = refused_in_words(lambda one: part.noise(one), "one")
+            else:
+                raised[f"noise {parameter}"] = refused_in_words(lambda **w: part.noise(**given | w), parameter)
+    assert not {of: what for of, what in raised.items() if what}
 
 
 REAL = {

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.checks import numbers
+from sigmax.models.arguments import number_of, places_of
+from sigmax.models.checks import finite, numbers
 from sigmax.models.components import direction
 from sigmax.models.parts import Sensor, made_once
 from sigmax.spaces import conjugate, cross, rotate
@@ -54,8 +55,8 @@ def satellite_velocity(lever: Sequence[float] | None = None) -> Sensor:
 @made_once
 def body_velocity(axes: Sequence[int] = (0, 1, 2)) -> Sensor:
     """The velocity in axes of the body: a wheel (0,); a car that does not slide, whose measurement is 0 (1, 2)."""
-    chosen = tuple(axes)
-    if not chosen or not set(chosen) <= {0, 1, 2}:
+    chosen = places_of("axes", axes)
+    if not set(chosen) <= {0, 1, 2}:
         raise InputError(f"axes of the body are some of 0, 1 and 2; they are {axes!r}")
 
     def function(x: jax.Array) -> jax.Array:
@@ -77,6 +78,7 @@ def specific_force(gravity: float = GRAVITY) -> Sensor:
 
     For accelerometers that are no inputs of the motion: as both they would be counted twice.
     """
+    gravity = number_of("gravity", gravity)
 
     def function(x: jax.Array) -> jax.Array:
         return rotate(conjugate(x[ATTITUDE]), jnp.array([0.0, 0.0, gravity])) + x[ACCELEROMETER_BIAS]
@@ -128,6 +130,7 @@ def vector(what: str, given: Sequence[float]) -> np.ndarray:
         InputError: for anything else.
     """
     found = np.asarray(numbers(what, given), float)
+    finite(what, found)
     if np.shape(found) != (3,):
         raise InputError(f"{what} has three components; it is {given!r}")
     return found

@@ -8,9 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.errors import InputError
+from sigmax.models.arguments import names_of, place_of, positive
 from sigmax.models.checks import numbers
 from sigmax.models.components import angle
-from sigmax.models.noise import arrays_of, on_diagonal, squares, takes
+from sigmax.models.noise import arrays_of, of_each, on_diagonal, squares, takes
 from sigmax.models.parts import Motion, made_once
 from sigmax.models.quadratic import quadratic_function
 from sigmax.models.smooth import cosc, decay, decay2, sinc
@@ -23,15 +25,16 @@ _LEVELS = ("m", "m/s", "m/s²")
 @made_once
 def random_walk(names: Sequence[str] = ("x",)) -> Motion:
     """Components that stay as they are but for noise: constants, slow biases, scale factors."""
+    state = names_of("names", names)
 
     def function(x: jax.Array, dt: jax.Array) -> jax.Array:
         return x
 
     def noise(*deviation: float) -> np.ndarray:
         """Variances per second from standard deviations per √s, one a component or one for all."""
-        return arrays_of(deviation).broadcast_to(squares(deviation), (len(names),))
+        return of_each("a deviation", deviation, len(state)) ** 2
 
-    return Motion(function, tuple(names), noise)
+    return Motion(function, state, noise)
 
 
 @made_once
@@ -47,6 +50,7 @@ def constant_acceleration(axes: Sequence[str] = ("x", "y")) -> Motion:
 
 
 def _integrators(axes: Sequence[str], prefixes: Sequence[str]) -> Motion:
+    axes = names_of("axes", axes)
     k, order = len(axes), len(prefixes)
 
     def function(x: jax.Array, dt: jax.Array) -> jax.Array:
@@ -79,6 +83,7 @@ def _power(dt: jax.Array, order: int, i: int, j: int) -> jax.Array:
 @made_once
 def singer(axes: Sequence[str] = ("x", "y"), tau: float = 10.0) -> Motion:
     """Positions, velocities and accelerations that fade with the time constant tau (Singer 1970)."""
+    axes, tau = names_of("axes", axes), positive("tau", tau)
     k = len(axes)
 
     def function(x: jax.Array, dt: jax.Array) -> jax.Array:
@@ -132,7 +137,7 @@ def coordinated_turn() -> Motion:
 @made_once
 def coordinated_turn_cartesian(axes: Sequence[str] = ("x", "y")) -> Motion:
     """Coordinated turn by Cartesian velocity; the turn rate is positive from the first axis to the second."""
-    a, b = axes
+    a, b = names_of("axes", axes, 2)
 
     def function(x: jax.Array, dt: jax.Array) -> jax.Array:
         p, q, v, w, turn_rate = x
@@ -145,11 +150,11 @@ def coordinated_turn_cartesian(axes: Sequence[str] = ("x", "y")) -> Motion:
 
     def noise(acceleration: float, turn_rate: float) -> Callable[[jax.Array], jax.Array]:
         """Q(dt) from the density of the acceleration, m²/s³, and the deviation of the turn rate per √s."""
-        straight = constant_velocity(axes).noise(acceleration)
+        straight, of_turn = constant_velocity((a, b)).noise(acceleration), squares(turn_rate)
 
         def Q(dt: jax.Array) -> jax.Array:
             corner = jnp.zeros((4, 1))
-            return jnp.block([[straight(dt), corner], [corner.T, jnp.reshape(turn_rate**2 * dt, (1, 1))]])
+            return jnp.block([[straight(dt), corner], [corner.T, jnp.reshape(of_turn * dt, (1, 1))]])
 
         return Q
 
@@ -181,6 +186,9 @@ def join(first: Motion, second: Motion) -> Motion:
     The noise takes the noises of the two: `join(a, b).noise(a.noise(…), b.noise(…))`. Inputs
     belong to the first.
     """
+    for part in (first, second):
+        if not isinstance(part, Motion):
+            raise InputError(f"join takes two motions, such as motions.constant_velocity(); it was given {part!r}")
     k = len(first.state)
     one, other = traceable(first.function), traceable(second.function)
 
@@ -194,6 +202,7 @@ def join(first: Motion, second: Motion) -> Motion:
         return function(x, dt)
 
     def noise(a: Any, b: Any) -> Any:
+        a, b = (of if callable(of) else numbers("the noise of a joined motion", of) for of in (a, b))
         if not callable(a) and not callable(b) and np.ndim(a) == np.ndim(b) == 1:
             return arrays_of((a, b)).concatenate([a, b])
 
@@ -217,6 +226,7 @@ def _interval(Q: Any, dt: jax.Array) -> jax.Array:
 @made_once
 def mirrored_speed(speed: int, course: int) -> Callable[[jax.Array], jax.Array]:
     """A domain for states by speed and course: a negative speed is the mirrored course."""
+    speed, course = place_of("speed", speed), place_of("course", course)
 
     def domain(x: jax.Array) -> jax.Array:
         backwards = x[speed] < 0
@@ -241,6 +251,7 @@ def quadratic(Phi0: Any, Phi_x: Any, Phi_xx: Any, names: Sequence[str] | None = 
         InputError: where the shapes do not fit.
     """
     function, n = quadratic_function("Phi", Phi0, Phi_x, Phi_xx, Phi_u)
+    state = names_of("names", [f"x{i}" for i in range(n)] if names is None else names, n)
 
     def moved(x: jax.Array, dt: jax.Array) -> jax.Array:
         return function(x)
@@ -257,4 +268,4 @@ def quadratic(Phi0: Any, Phi_x: Any, Phi_xx: Any, names: Sequence[str] | None = 
 
         return Q
 
-    return Motion(moved if Phi_u is None else driven, tuple(names or (f"x{i}" for i in range(n))), noise)
+    return Motion(moved if Phi_u is None else driven, state, noise)

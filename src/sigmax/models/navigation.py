@@ -7,7 +7,6 @@ up); the body has any right-handed axes. Attitudes turn vectors of the body into
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -32,9 +31,10 @@ from sigmax.models.aiding import (
     specific_force,
     vector,
 )
-from sigmax.models.checks import is_traced, numbers
+from sigmax.models.arguments import names_of, number_of, place_of
 from sigmax.models.components import extended_pose
 from sigmax.models.gaussian import Gaussian
+from sigmax.models.noise import of_each
 from sigmax.models.parts import Motion, made_once
 from sigmax.spaces import conjugate, cross, exponential, from_roll_pitch_yaw, multiply, rotate
 from sigmax.spaces.quaternions import squared, stumpff
@@ -64,6 +64,7 @@ def gravity(latitude: float, height: float = 0.0) -> float:
     Raises:
         InputError: for a latitude beyond a quarter turn, such as one in degrees.
     """
+    latitude, height = number_of("latitude", latitude), number_of("height", height)
     if not abs(latitude) <= math.pi / 2:
         raise InputError(f"a latitude is in radians, between -π/2 and π/2; it is {latitude!r}: use numpy.radians")
     s = math.sin(latitude) ** 2
@@ -89,7 +90,8 @@ def strapdown(name: str = "craft", latitude: float | None = None, height: float 
     Raises:
         InputError: for an axis that is not horizontal.
     """
-    if north not in (0, 1):
+    (name,) = names_of("name", name, 1)
+    if place_of("north", north) > 1:
         raise InputError(f"north is the horizontal axis 0 or 1 of the world; it is {north!r}")
     pull = jnp.array([0.0, 0.0, -(GRAVITY if latitude is None else gravity(latitude, height))])
     level = 0.0 if latitude is None else _EARTH_RATE * math.cos(latitude)
@@ -135,7 +137,9 @@ def strapdown(name: str = "craft", latitude: float | None = None, height: float 
             position: m/√s, for what a straight line over dt leaves out.
         """
         given = (gyro, accelerometer, gyro_bias, accelerometer_bias, position)
-        of_turn, of_speed, of_gyro, of_force, of_place = (jnp.diag(_squares(value)) for value in given)
+        of_turn, of_speed, of_gyro, of_force, of_place = (
+            jnp.diag(of_each("a density", value, 3) ** 2) for value in given
+        )
 
         def Q(dt: jax.Array) -> jax.Array:
             none = jnp.zeros((3, 3))
@@ -152,16 +156,6 @@ def strapdown(name: str = "craft", latitude: float | None = None, height: float 
         return Q
 
     return Motion(function, (extended_pose(name), *BIASES), noise, INPUTS)
-
-
-def _squares(value: float | Sequence[float]) -> Any:
-    """Squares (3,) of one density or deviation, or of one an axis."""
-    if is_traced(value):
-        return jnp.broadcast_to(jnp.asarray(value) ** 2, (3,))
-    found = numbers("a density or deviation", value)
-    if np.shape(found) not in ((), (3,)) or not (found >= 0).all():
-        raise InputError(f"a density or deviation is one number of at least 0, or three; it is {value!r}")
-    return np.broadcast_to(np.square(found), (3,))
 
 
 def prior(
@@ -192,7 +186,7 @@ def prior(
     cov = np.zeros((15, 15))
     for k, std in enumerate((attitude_std, velocity_std, position_std, gyro_bias_std, accelerometer_bias_std)):
         at = slice(3 * k, 3 * k + 3)
-        own = np.diag(_squares(std))
+        own = np.diag(of_each("a deviation", std, 3) ** 2)
         cov[at, at] = back @ own @ back.T if k < 3 else own
     mean = np.concatenate([q, vector("velocity", velocity), vector("position", position), np.zeros(6)])
     return Gaussian(mean, cov)

@@ -10,6 +10,7 @@ import numpy as np
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
+from sigmax.models.arguments import not_negative
 from sigmax.models.checks import is_traced, numbers, own, symmetric_semidefinite
 from sigmax.tracing import Traceable, traceable
 
@@ -110,15 +111,33 @@ def arrays_of(value: Any) -> Any:
 
 
 def squares(deviations: Any) -> Any:
-    """Variances of standard deviations, one or several; numbers or traced."""
-    array = arrays_of(deviations)
-    return array.square(array.asarray(deviations))
+    """Variances of standard deviations, one or several; numbers or traced.
+
+    Raises:
+        InputError: for a deviation that is none.
+    """
+    return arrays_of(deviations).square(not_negative("a deviation", deviations))
+
+
+def of_each(what: str, given: Any, count: int) -> Any:
+    """One value for all, or one for each, as an array (count,).
+
+    Raises:
+        InputError: for a number of values that is neither, and for one below 0.
+    """
+    found = not_negative(what, given)
+    if np.shape(found) not in ((), (1,), (count,)):
+        raise InputError(f"{what} is one number, or {count}; it is {given!r}")
+    return arrays_of(found).broadcast_to(found, (count,))
 
 
 def on_diagonal(variance: Any, axes: int) -> Any:
-    """A diagonal matrix from one value for all axes, or one an axis."""
-    array = arrays_of(variance)
-    return array.diag(array.broadcast_to(array.asarray(variance), (axes,)))
+    """A diagonal matrix from one value for all axes, or one an axis.
+
+    Raises:
+        InputError: as `of_each`.
+    """
+    return arrays_of(variance).diag(of_each("a density", variance, axes))
 
 
 def noise_once(R: Any, components: Sequence[str] | None) -> Noise:

@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.models.arguments import place_of, places_of, point_of, positive
+from sigmax.models.checks import numbers
 from sigmax.models.components import angle
 from sigmax.models.parts import Sensor, made_once
 from sigmax.models.smooth import direction, length
@@ -31,6 +33,8 @@ def pseudorange(at: Sequence[int] = (0, 1, 2), clock: int = 3, system: int | Non
         system: where the offset of the other system stands, in m, if there is one.
         earth: whether the axes turn with the Earth.
     """
+    at, clock = places_of("at", at, (3,)), place_of("clock", clock)
+    system = None if system is None else place_of("system", system)
 
     def function(x: jax.Array, u: jax.Array) -> jax.Array:
         seen = length(*(u[k] - x[i] for k, i in enumerate(at))) + x[clock]
@@ -53,6 +57,7 @@ def pseudorange_rate(at: Sequence[int] = (0, 1, 2), velocity: Sequence[int] = (3
         velocity: where the velocity stands.
         drift: where the drift of the receiver's clock stands, in m/s.
     """
+    at, velocity, drift = places_of("at", at, (3,)), places_of("velocity", velocity, (3,)), place_of("drift", drift)
 
     def function(x: jax.Array, u: jax.Array) -> jax.Array:
         away = [u[k] - x[i] for k, i in enumerate(at)]
@@ -89,9 +94,10 @@ def time_difference(
     """
     if (origin is None) != (reference is None):
         raise InputError("a time difference has two stations: give origin and reference both, or none and take inputs")
-    if not speed > 0:
-        raise InputError(f"the speed of a signal is above 0 m/s; it is {speed!r}")
-    fixed = None if origin is None or reference is None else (*origin, *reference)
+    at, speed = places_of("at", at, (2, 3)), positive("speed, that of the signal in m/s,", speed)
+    fixed = None
+    if origin is not None:
+        fixed = (*point_of("origin", origin, len(at)), *point_of("reference", reference, len(at)))
 
     def later(x: jax.Array, stations: Any) -> jax.Array:
         first, second = (length(*(x[i] - stations[s + k] for k, i in enumerate(at))) for s in (0, len(at)))
@@ -122,7 +128,8 @@ def azimuth_elevation(
     Raises:
         InputError: for axes that are not perpendicular, of length 1.
     """
-    turn = np.eye(3) if axes is None else np.asarray(axes, float)
+    at, origin = places_of("at", at, (3,)), point_of("origin", origin, 3)
+    turn = np.eye(3) if axes is None else np.asarray(numbers("axes", axes), float)
     if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6):
         raise InputError(f"axes are three perpendicular directions of length 1, rows (3, 3); they are {axes!r}")
     rows = tuple(map(tuple, turn.tolist()))
@@ -146,13 +153,15 @@ def range_bearing(at: Sequence[int] = (0, 1), heading: int = 2, landmark: Sequen
         heading: where its heading stands.
         landmark: its place; None takes it from the inputs.
     """
+    at, heading = places_of("at", at, (2,)), place_of("heading", heading)
+    fixed = None if landmark is None else point_of("landmark", landmark, 2)
 
     def seen(x: jax.Array, place: Any) -> jax.Array:
         d = [place[k] - x[i] for k, i in enumerate(at)]
         return jnp.stack([length(*d), direction(d[0], d[1]) - x[heading]])
 
     def of_landmark(x: jax.Array) -> jax.Array:
-        return seen(x, landmark)
+        return seen(x, fixed)
 
     names = ("range", angle("bearing"))
     return Sensor(seen, names, ("beacon_x", "beacon_y")) if landmark is None else Sensor(of_landmark, names)
@@ -165,6 +174,7 @@ def vehicle_range_bearing(at: Sequence[int] = (0, 1)) -> Sensor:
     Args:
         at: where the position of the target stands in the state.
     """
+    at = places_of("at", at, (2,))
 
     def function(x: jax.Array, u: jax.Array) -> jax.Array:
         d = [x[i] - u[k] for k, i in enumerate(at)]

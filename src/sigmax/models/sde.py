@@ -9,8 +9,9 @@ import numpy as np
 
 from sigmax.algebra.arrays import diagonal
 from sigmax.errors import InputError
-from sigmax.models.checks import finite, is_traced, numbers
-from sigmax.models.noise import arrays_of, takes
+from sigmax.models.arguments import names_of, not_negative, number_of
+from sigmax.models.checks import finite, is_traced, members, numbers
+from sigmax.models.noise import takes
 from sigmax.models.parts import Motion, made_once
 from sigmax.tracing import traceable
 
@@ -51,7 +52,7 @@ def sde(
 
     if isinstance(steps, bool) or not isinstance(steps, int) or not 1 <= steps <= 1000:
         raise InputError(f"steps must be a whole number from 1 to 1000; it is {steps!r}")
-    if not 0 < numbers("tolerance", tolerance) < 1:
+    if not 0 < number_of("tolerance", tolerance) < 1:
         raise InputError(f"tolerance is a share between 0 and 1; it is {tolerance!r}")
     drift, spread = traceable(drift), traceable(diffusion) if callable(diffusion) else _matrix(diffusion)
     driven = takes(drift, "drift", (1, 2)) == 2
@@ -105,7 +106,7 @@ def sde(
 
     def noise(density: Any = 1.0) -> Callable[..., jax.Array]:
         """Q(x, dt) from the spectral densities (j,) of the noises, or one for all."""
-        density = arrays_of(density).asarray(density)
+        density = not_negative("a density", density)
 
         def Q(x: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
             y, sound = spread_along(density.astype(x.dtype), x, dt, *u)
@@ -113,7 +114,7 @@ def sde(
 
         return _of_inputs(Q, driven)
 
-    return Motion(_of_inputs(flow, driven), tuple(state), noise)
+    return Motion(_of_inputs(flow, driven), names_of("state", state) if members(state) != [] else (), noise)
 
 
 def _of_inputs(function: Callable[..., jax.Array], driven: bool) -> Callable[..., jax.Array]:

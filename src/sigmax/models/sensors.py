@@ -10,6 +10,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from sigmax.models.arguments import names_of, place_of, places_of, point_of
+from sigmax.models.checks import members
 from sigmax.models.components import angle
 from sigmax.models.parts import Sensor, made_once
 from sigmax.models.quadratic import quadratic_function
@@ -43,21 +45,25 @@ __all__ = [
 @made_once
 def position(at: Sequence[int] = (0, 1), names: Sequence[str] = ("x", "y")) -> Sensor:
     """Some components of the state themselves."""
+    at = places_of("at", at)
+    measured = names_of("names", names, len(at))
 
     def function(x: jax.Array) -> jax.Array:
         return jnp.stack([x[i] for i in at])
 
-    return Sensor(function, tuple(names))
+    return Sensor(function, measured)
 
 
 @made_once
 def relative_position(at: Sequence[int] = (0, 1), names: Sequence[str] = ("x", "y")) -> Sensor:
     """Position seen from a platform that moves but keeps its axes; where the platform is are the inputs."""
+    at = places_of("at", at)
+    measured = names_of("names", names, len(at))
 
     def function(x: jax.Array, u: jax.Array) -> jax.Array:
         return jnp.stack([x[i] - u[k] for k, i in enumerate(at)])
 
-    return Sensor(function, tuple(names), tuple(f"platform_{name}" for name in names))
+    return Sensor(function, measured, tuple(f"platform_{name}" for name in measured))
 
 
 @made_once
@@ -69,13 +75,16 @@ def range_only(at: Sequence[int] = (0, 1), origin: Sequence[float] | None = None
         origin: the fixed point; None takes the point from the inputs.
         scale: where a scale factor of the range stands in the state, if there is one.
     """
+    at = places_of("at", at, (1, 2, 3))
+    fixed: Any = None if origin is None else point_of("origin", origin, len(at))
+    scale = None if scale is None else place_of("scale", scale)
 
     def measured(x: jax.Array, point: Sequence[float] | jax.Array) -> jax.Array:
         distance = length(*(x[i] - point[k] for k, i in enumerate(at)))
         return jnp.stack([distance if scale is None else x[scale] * distance])
 
     def from_origin(x: jax.Array) -> jax.Array:
-        return measured(x, origin or (0.0,) * len(at))
+        return measured(x, fixed)
 
     def from_beacon(x: jax.Array, u: jax.Array) -> jax.Array:
         return measured(x, u)
@@ -88,6 +97,7 @@ def range_only(at: Sequence[int] = (0, 1), origin: Sequence[float] | None = None
 @made_once
 def bearing(at: Sequence[int] = (0, 1), origin: Sequence[float] = (0.0, 0.0)) -> Sensor:
     """Direction from a fixed origin."""
+    at, origin = places_of("at", at, (2,)), point_of("origin", origin, 2)
 
     def function(x: jax.Array) -> jax.Array:
         return jnp.stack([direction(x[at[0]] - origin[0], x[at[1]] - origin[1])])
@@ -98,6 +108,7 @@ def bearing(at: Sequence[int] = (0, 1), origin: Sequence[float] = (0.0, 0.0)) ->
 @made_once
 def camera_bearing(at: Sequence[int] = (0, 1)) -> Sensor:
     """Direction relative to the axis of a camera whose position and heading are the inputs."""
+    at = places_of("at", at, (2,))
 
     def function(x: jax.Array, u: jax.Array) -> jax.Array:
         return jnp.stack([direction(x[at[0]] - u[0], x[at[1]] - u[1]) - u[2]])
@@ -120,7 +131,11 @@ def range_azimuth(
         velocity: where the Cartesian velocity stands, as many components as `at`.
         polar_velocity: where speed and course stand (Sobolev, (89)); for two components only.
     """
-    place = [*origin, *(0.0,) * (len(at) - len(origin))]
+    at = places_of("at", at, (2, 3))
+    given = members(origin) if not isinstance(origin, str | bytes) else None
+    place = point_of("origin", origin if given is None else [*given, *(0.0,) * (len(at) - len(given))], len(at))
+    velocity = None if velocity is None else places_of("velocity", velocity, (len(at),))
+    polar_velocity = None if polar_velocity is None else places_of("polar_velocity", polar_velocity, (2,))
     names: list[str] = ["range", angle("azimuth")]
     if len(at) == 3:
         names.append(angle("elevation"))
@@ -167,4 +182,6 @@ def quadratic(H0: Any, H_x: Any, H_xx: Any, names: Sequence[str] | None = None, 
     def driven(x: jax.Array, u: jax.Array) -> jax.Array:
         return function(x, u)
 
-    return Sensor(seen if H_u is None else driven, tuple(names or (f"z{i}" for i in range(m))))
+    return Sensor(
+        seen if H_u is None else driven, names_of("names", [f"z{i}" for i in range(m)] if names is None else names, m)
+    )
