@@ -16,6 +16,7 @@ import sigmax
 from sigmax import filterpy as names_of_filterpy
 from sigmax import forms, motions, navigation, sensors
 from sigmax.models import terrain
+from sigmax.models.parts import Motion, Sensor
 from sigmax.tracking import Cycle, Detector, Modes, Scan, Tracker, jpda, m_of_n, positions, two_point
 
 CV = motions.constant_velocity(("a",))
@@ -191,7 +192,7 @@ def makers():
     for module in (motions, sensors, navigation, terrain):
         for name, make in vars(module).items():
             ours = inspect.isfunction(make) and make.__module__.startswith("sigmax.models") and not name.startswith("_")
-            if ours and inspect.signature(make, eval_str=True).return_annotation in (motions.Motion, sensors.Sensor):
+            if ours and inspect.signature(make, eval_str=True).return_annotation in (Motion, Sensor):
                 yield f"{module.__name__.rpartition('.')[2]}.{name}", make
 
 
@@ -243,7 +244,7 @@ def test_what_ready_made_parts_are_made_of_is_taken_or_refused_in_words(name):
     part, raised = make(**right), {}
     for parameter in inspect.signature(make).parameters:
         raised[parameter] = refused_in_words(lambda **wrong: make(**right | wrong), parameter)
-    if isinstance(part, motions.Motion):
+    if isinstance(part, Motion):
         noise = getattr(part.noise, "function", part.noise)
         given = wanting(noise)
         for parameter, p in inspect.signature(noise).parameters.items():
