@@ -1,5 +1,7 @@
 """Noises found as a filter goes: equal to textbooks in plain NumPy, in every form, on both engines, live and late."""
 
+import subprocess
+
 import numpy as np
 import pytest
 
@@ -188,6 +190,14 @@ def test_outliers_do_not_count_as_noise():
     assert plain.R_scale[-30:].mean() > 10
     assert robust.R_scale[-30:].mean() < 3
     assert robust.Q_scale[-30:].mean() < 5
+
+
+def test_exported_c_carries_what_is_known(tmp_path):
+    sigmax.export_c(sigmax.get("EKF", update="adaptive(12)", Q="adaptive(15)"), MODEL, PRIOR, tmp_path, z=drawn(30))
+    assert "what is known of noises: R_scale_a, R_scale_b, Q_scale" in (tmp_path / "filter.h").read_text()
+    told = subprocess.run(["make", "-C", str(tmp_path), "test"], capture_output=True, text=True, check=False)
+    assert told.returncode == 0, told.stderr
+    assert "faults 0" in told.stdout
 
 
 def test_names_are_read_as_they_are_written():

@@ -121,6 +121,23 @@ def test_parquet_timestamps_and_other_units_mean_the_same(tmp_path: Path, radar:
         assert other.epoch == (pd.Timestamp("2024-05-01T12:00:00Z") if "when" in description else None)
 
 
+@pytest.mark.parametrize(("unit", "told"), [("s", ""), ("ms", ""), ("us", "us"), ("ns", "")])
+def test_counts_since_1970_are_dates_by_their_size(
+    tmp_path: Path, radar: sigmax.records.Record, unit: str, told: str
+) -> None:
+    table = pd.read_csv(write_radar(tmp_path).with_name("radar.csv"))
+    per_second = {"s": 1, "ms": 1000, "us": 10**6, "ns": 10**9}[unit]
+    begins = pd.Timestamp("2024-05-01T12:00:00Z")
+    table["t"] = [f"{(begins.value // 10**9 + t) * per_second:.0f}" for t in table["t"].astype(int)]
+    table.to_csv(tmp_path / "radar.csv", index=False)
+    time = f'{{ column = "t", unit = "{told}" }}' if told else '"t"'
+    (tmp_path / "other.toml").write_text(RADAR.replace('time = "t"', f"time = {time}"))
+    other = load(str(tmp_path / "other.toml"))
+    np.testing.assert_allclose(other.time, radar.time, atol=1e-6)
+    assert other.epoch == begins
+    assert any(f"count since 1970 in {unit}" in doubt for doubt in other.doubts) == (not told)
+
+
 ROVER = """
 data = "rover.csv"
 time = "t"

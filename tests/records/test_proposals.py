@@ -440,9 +440,9 @@ vy = {{ mean = 0, std = 10 }}
 """
 DOUBTS: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], str, str]] = {
     "degrees": (lambda d: d.assign(az=np.degrees(d.az)), "unit = \"deg\"", "radar.columns.azimuth is read in radians"),
-    "milliseconds by size": (lambda d: d.assign(t=1.7e12 + d.t * 1e3), "unit = \"ms\"", "read as seconds"),
+    "milliseconds by size": (lambda d: d.assign(t=1.7e12 + d.t * 1e3), "unit = \"ms\"", "since 1970 in ms"),
     "milliseconds by pace": (lambda d: d.assign(t=d.t * 1e6), "unit of the time", "targets move at"),
-    "microseconds by size": (lambda d: d.assign(t=1.7e15 + d.t * 1e6), "unit = \"us\"", "read as seconds"),
+    "microseconds by size": (lambda d: d.assign(t=1.7e15 + d.t * 1e6), "unit = \"us\"", "since 1970 in us"),
     "rows twice": (lambda d: pd.concat([d, d.iloc[[3, 5]]]).sort_values("t"), "remove them", "2 rows say the same"),
     "a number for none": (lambda d: d.assign(r=d.r.where(d.index % 4 > 0, -9999)), "missing = -9999", "-9999 in 5"),
 }  # fmt: skip

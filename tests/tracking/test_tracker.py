@@ -422,6 +422,7 @@ def test_breaks_switches_and_false_tracks_are_counted():
         (lambda: Modes([("EKF", model())], sojourn=[0.0]), "sojourn"),
         (lambda: Tracker(cycle(), window=-1.0), "window"),
         (lambda: Cycle(cycle().modes, {"radar": Detector(0.5, 1.0)}, single_plot(1.0)), "unknown sensor"),
+        (lambda: Cycle(cycle().modes, {"": Detector(0.5, 1.0)}, single_plot(1.0)), "none tells where its plots are"),
         (lambda: Tracker(cycle()).step(Scan(0.0, "", [[1.0, 2.0, 3.0]])), "shape"),
         (lambda: Tracker(cycle()).step(Scan(np.nan, "", [[1.0, 2.0]])), "time"),
     ],

@@ -22,6 +22,7 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
 from sigmax.native import Refused
+from sigmax.running.adapting import adapted_noises
 from sigmax.running.backend import natively
 from sigmax.running.fusing import how
 from sigmax.running.lowered import with_numbers
@@ -113,7 +114,8 @@ def export_c(
     rows_of = identifiers(ready.model.state), identifiers(ready.model.deviations)
     modes = model.names if isinstance(model, SwitchingModel) else ()
     rest = low.packing.size - low.packing.head
-    names = Names(prefix, *rows_of, parts, residuals, 0 if u is None else len(u), rest, modes)
+    noises = adapted_noises(ready.filter, ready.model).names
+    names = Names(prefix, *rows_of, parts, residuals, 0 if u is None else len(u), rest, modes, noises)
     single = dtype == np.float32
     rows = simulated(one, its_prior, step, u) if z is None else _rows(model, z, elapsed, given)
     vectors = filtered(chosen, model, prior, rows, dtype)

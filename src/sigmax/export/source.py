@@ -25,6 +25,8 @@ class Names(NamedTuple):
         inputs: how many inputs there are.
         rest: numbers behind mean and factor, of a filter of several beliefs.
         modes: of a model that has them, whose logarithms of probabilities are the last of the rest.
+        noises: that a filter finds as it goes: first of the rest stand those of R, then for each group of Q the
+            logarithm of its number and what it is found by.
     """
 
     prefix: str
@@ -35,6 +37,7 @@ class Names(NamedTuple):
     inputs: int
     rest: int = 0
     modes: tuple[str, ...] = ()
+    noises: tuple[str, ...] = ()
 
     @property
     def points(self) -> int:
@@ -162,6 +165,8 @@ def _rest(names: Names, real: str) -> str:
     """What a state holds of several beliefs, told by name as far as it is of use."""
     if not names.rest:
         return ""
+    if names.noises:
+        return f"    {real} rest[{names.rest}]; /* what is known of noises: {', '.join(names.noises)} */\n"
     last = f"the last {len(names.modes)}: log probabilities of {', '.join(names.modes)}" if names.modes else "members"
     return f"    {real} rest[{names.rest}]; /* the beliefs behind; {last} */\n"
 

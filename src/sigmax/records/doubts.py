@@ -10,6 +10,7 @@ import pandas as pd
 from sigmax.records.built import Built
 from sigmax.records.description import Description
 from sigmax.records.likely import LATEST, epoch_unit, likely_track, speeds
+from sigmax.records.roles import has_numbers
 from sigmax.records.sensor import first_position
 from sigmax.records.table import Table, clock_period
 from sigmax.records.units import ANGLE, TURN_RATE, quantity
@@ -42,7 +43,7 @@ def doubts(
         measured: by sensor (rows, m), in SI.
     """
     return (
-        *_time(description, time),
+        *_time(description, table, time, epoch),
         *clock_doubts(description.time.column, description.time.format, time, epoch),
         *standstill(description.time.column, time, rows),
         *_angles(description, built, table),
@@ -52,9 +53,17 @@ def doubts(
     )
 
 
-def _time(description: Description, time: np.ndarray) -> Iterator[str]:
+def _time(description: Description, table: Table, time: np.ndarray, epoch: pd.Timestamp | None) -> Iterator[str]:
     column = description.time
     if column.unit.strip() or column.format:
+        return
+    if epoch is not None:
+        if has_numbers(table, column.column):
+            unit = epoch_unit(float(table.numbers(column.column).max()))
+            yield (
+                f"The time {column.column!r} is taken for a count since 1970 in {unit}, by its size; to say so, write "
+                f'time = {{ column = "{column.column}", unit = "{unit}" }}.'
+            )
         return
     told = re.search(r"(?:^|[^a-z])(ms|us|ns|milli|micro|nano)", column.column.casefold())
     largest = float(np.abs(time).max())

@@ -9,6 +9,9 @@ from sigmax.records.table import Table
 
 # No clock has counted so many seconds since 1970 yet.
 LATEST = 1e11
+# Of a count since 1970 in an unknown unit: nanoseconds of the units, and the dates that it may be of.
+_UNITS = (10**9, 10**6, 10**3, 1)
+_BETWEEN = pd.Timestamp("1990-01-01", tz="UTC"), pd.Timestamp("2100-01-01", tz="UTC")
 # So many times smaller the steps of a target must be than those from one target to another.
 _CLEARLY = 5.0
 
@@ -16,6 +19,24 @@ _CLEARLY = 5.0
 def epoch_unit(largest: float) -> str:
     """The unit of a count since 1970 by its size."""
     return "s" if largest <= LATEST else "ms" if largest < 1e14 else "us" if largest < 1e17 else "ns"
+
+
+def counted_since_1970(time: np.ndarray, unit: float | None) -> tuple[np.ndarray, pd.Timestamp] | None:
+    """Seconds since the first of times that count since 1970, and that instant; None where they do not.
+
+    Args:
+        time: as it stands in the table.
+        unit: seconds of its unit; None where it is not told, and is that by which all times are of 1990 to 2100.
+    """
+    for nanoseconds in _UNITS if unit is None else (round(unit * 1e9),):
+        low, high = (moment.value / max(nanoseconds, 1) for moment in _BETWEEN)
+        if len(time) and low <= time.min() and time.max() <= high:
+            first = time.min()
+            # A float64 has no room for nanoseconds of today: differences are taken before anything is multiplied.
+            return (time - first) * (nanoseconds * 1e-9), pd.Timestamp(
+                int(first) * nanoseconds, tz="UTC"
+            ) + pd.Timedelta(round((first - int(first)) * nanoseconds), unit="ns")
+    return None
 
 
 def speeds(place: np.ndarray, time: np.ndarray, rows: Sequence[np.ndarray]) -> np.ndarray:

@@ -15,6 +15,7 @@ from sigmax.records.delays import Rows, undelayed
 from sigmax.records.description import Column, Description, TimeColumn, read_toml
 from sigmax.records.doubts import doubts
 from sigmax.records.landmarks import with_landmark_inputs, with_landmarks
+from sigmax.records.likely import counted_since_1970
 from sigmax.records.local import placed
 from sigmax.records.model import build
 from sigmax.records.prior import ALL_FROM, FROM, read_prior, search
@@ -155,7 +156,7 @@ def _column(table: Table, column: Column, dimension: Dimension | None, where: st
 
 
 def instants(table: Table, column: TimeColumn) -> tuple[np.ndarray, pd.Timestamp | None]:
-    """Times in seconds, and the instant of 0 where they are timestamps."""
+    """Times in seconds, and the instant of 0 where they are timestamps or counts since 1970."""
     if column.missing:
         raise InputError("time: every row needs one; missing belongs to what is measured")
     time, epoch = table.times(column.column, column.format)
@@ -163,7 +164,9 @@ def instants(table: Table, column: TimeColumn) -> tuple[np.ndarray, pd.Timestamp
         if column.unit.strip():
             raise InputError(f"time: the column {column.column!r} holds timestamps, which have no unit {column.unit!r}")
         return time, epoch
-    return time * to_si(column.unit, TIME, "time"), None
+    factor = to_si(column.unit, TIME, "time")
+    counted = counted_since_1970(time, factor if column.unit.strip() else None)
+    return (time * factor, None) if counted is None else counted
 
 
 def _tracks(table: Table, column: str | None, time: np.ndarray, sort: bool) -> tuple[tuple[str, ...], list[np.ndarray]]:

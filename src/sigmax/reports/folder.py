@@ -24,6 +24,7 @@ from sigmax.reports.replaced import replaced
 from sigmax.reports.score import Score
 from sigmax.reports.told import told
 from sigmax.reports.verdict import verdict
+from sigmax.running.adapting import scales
 
 FILES = ("estimates.parquet", "summary.json", "report.html")
 
@@ -192,6 +193,8 @@ def _estimates(path: Path, record: Record, outcomes: Sequence[Outcome]) -> None:
                     columns.setdefault(name, (pa.array(values, from_pandas=True), unit))
             for k, mode in enumerate(r.modes):
                 columns[f"probability_{mode}"] = (pa.array(r.probability[real][:, k]), "")
+            for name, values in _noises(outcomes, r, real).items():
+                columns[name] = (pa.array(values, from_pandas=True), "")
             columns["nis"] = (pa.array(r.nis[real], from_pandas=True), "")
             columns["dof"] = (pa.array(r.dof[real].astype(np.int32)), "")
             columns["ok"] = (pa.array(r.ok[real]), "")
@@ -203,3 +206,11 @@ def _estimates(path: Path, record: Record, outcomes: Sequence[Outcome]) -> None:
     finally:
         if writer is not None:
             writer.close()
+
+
+def _noises(outcomes: Sequence[Outcome], r: Any, real: np.ndarray) -> dict[str, np.ndarray]:
+    """What variances of noises were multiplied by in a result, NaN where only another filter of the record does so."""
+    names = dict.fromkeys(n for o in outcomes if o.result is not None for n in o.result.layout.noises.names)
+    known = r.known_noises()
+    found = {} if known is None else scales(r.layout.noises, known[real])
+    return {name: found.get(name, np.full(int(real.sum()), np.nan)) for name in names}

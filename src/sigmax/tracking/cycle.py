@@ -64,6 +64,12 @@ class Cycle:
         for sensor in self.detectors:
             if sensor not in model.sensors:
                 raise unknown("sensor", sensor, model.sensors)
+        if all(detector.locate is None for detector in self.detectors.values()):
+            raise InputError(
+                "no sensor can begin tracks, as none tells where its plots are: give Detector(…, locate=) to one. Of "
+                "bearings or ranges alone it is not known which plots belong together before there are tracks; of one "
+                "target sigmax.start finds the state"
+            )
         for what, value in (("gate", self.gate), ("birth", self.birth)):
             if not 0 < value < 1:
                 raise InputError(f"{what} is a probability between 0 and 1; it is {value}")
