@@ -181,9 +181,8 @@ def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> 
         detectors[name] = Detector(part.sensors[name].detection, part.sensors[name].clutter, locate(sensing, own))
     if not any(d.locate is not None for d in detectors.values()):
         raise InputError(
-            "no sensor can begin tracks: one of the kind position, relative_position or range_azimuth is needed. Of "
-            "bearings or ranges alone it is not known which plots belong together; of one target a description without "
-            '[tracking] finds the start by prior = "from measurements"'
+            "no sensor can begin tracks: one of the kind position, relative_position or range_azimuth is needed; of one "
+            'target without [tracking] prior = "from measurements" finds the start'
         )
 
     def cycle(filter: Filter) -> Cycle:
