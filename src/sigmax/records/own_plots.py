@@ -180,9 +180,8 @@ def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> 
         own = [k for k, item in enumerate(built.inputs) if item.sensor == name]
         detectors[name] = Detector(part.sensors[name].detection, part.sensors[name].clutter, locate(sensing, own))
     if not any(d.locate is not None for d in detectors.values()):
-        kinds = "one of the kind position, relative_position or range_azimuth is needed"
         raise InputError(
-            f'no sensor can begin tracks: {kinds}; of one target prior = "from measurements" finds a start'
+            "no sensor can begin tracks: one of the kind position, relative_position or range_azimuth is needed"
         )
 
     def cycle(filter: Filter) -> Cycle:
