@@ -10,6 +10,7 @@ from sigmax.running.result import Result
 from sigmax.running.run import run
 from sigmax.running.smooth import smooth
 from sigmax.running.smoothed import Smoothed
+from sigmax.running.smoothing_in_windows import smooth_in_windows
 from sigmax.running.start import start
 from sigmax.running.step import Fault
 from sigmax.running.tails import fit_tails
@@ -30,6 +31,7 @@ __all__ = [
     "run",
     "run_in_blocks",
     "smooth",
+    "smooth_in_windows",
     "start",
     "weights",
 ]
