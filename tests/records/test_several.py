@@ -154,6 +154,11 @@ def test_tracks_and_places_of_several_tables(tmp_path: Path) -> None:
     merged = np.where(np.isnan(two.z["b"]), two.z["a"], two.z["b"])
     np.testing.assert_allclose(merged[::-1], one.z["a"], atol=1e-9)
     assert two.placed == one.placed
+    begins, _, ends = (tmp_path / "two.toml").read_text().partition("[tables.late.local]")
+    origin = '[tables.late.local]\norigin = ["52.1 deg", "4.3 deg"]'
+    (tmp_path / "other.toml").write_text(f"{begins}{origin}{ends}")
+    with pytest.raises(InputError, match=r"tables.late.local: all tables of a record have one frame.*52.1000"):
+        load(str(tmp_path / "other.toml"))
 
 
 def test_two_tables_of_one_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

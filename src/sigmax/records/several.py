@@ -1,5 +1,6 @@
 """Several tables with clocks of their own as one, in the order of time: [tables.NAME] of a description."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -66,8 +67,13 @@ def read_data(
         notes += [note for note in other.notes if note not in notes]
         if part.local is not None:
             own_frame = frame_of(part.local, other) if frame is None or part.local.origin is not None else frame
-            other = with_local(other, part.local, own_frame)
             frame = frame or own_frame
+            if own_frame != frame:
+                raise InputError(
+                    f"{where}.local: all tables of a record have one frame, {frame.name} ({_place(frame)}); this one has "
+                    f"{own_frame.name} ({_place(own_frame)}): leave origin and frame out here"
+                )
+            other = with_local(other, part.local, own_frame)
         own, began = instants(other, part.time)
         if (began is None) != (epoch is None):
             raise InputError(f"{where}.time counts otherwise than time: both are dates, or both are numbers")
@@ -125,3 +131,10 @@ def _only_truth(description: Description, name: str) -> bool:
     """Whether of a table nothing is taken but the truth."""
     used = repr([sensor.model_dump() for sensor in description.sensors.values()])
     return f"'{name}." not in used and not any(column.startswith(f"{name}.") for column in _of_motion(description))
+
+
+def _place(frame: Frame) -> str:
+    """The origin of a frame in words."""
+    latitude, longitude, *height = frame.origin
+    above = f", {height[0]:g} m" if height else ""
+    return f"{math.degrees(latitude):.6f} deg, {math.degrees(longitude):.6f} deg{above}"
