@@ -148,6 +148,58 @@ def test_live_and_batches_are_the_run():
     np.testing.assert_allclose(batch.cov[1], result.cov, rtol=1e-10, atol=1e-12)
 
 
+def test_a_bound_taken_when_all_is_measured_is_the_recursion_by_hand():
+    """Cut off by SciPy before each motion, two sensors after it; backwards from the estimates that were cut off."""
+    q, noises = 0.05, {"one": 0.4, "two": 1.0}
+    free = sigmax.Model(
+        motion=lambda x, dt: 0.9 * x,
+        sensor={name: lambda x: x for name in noises},
+        Q=[q],
+        R={name: [r] for name, r in noises.items()},
+        state=("level",),
+    )
+    model = sigmax.constrain(free, lambda x: x[0], low=0.0, high=1.5, when="measured")
+    rng = np.random.default_rng(3)
+    z = {name: rng.normal(size=(12, 1)) * 0.6 for name in noises}
+    z["two"][4] = z["one"][7] = z["two"][7] = np.nan
+    prior = sigmax.Gaussian([0.2], [[0.5]])
+
+    def cut(x, C):
+        s = np.sqrt(C)
+        m, v = stats.truncnorm.stats((0.0 - x) / s, (1.5 - x) / s)
+        return x + s * m, C * v
+
+    x, C, filtered, begun, ahead = 0.2, 0.5, [], [], []
+    for k in range(12):
+        begun.append(cut(x, C))
+        x, C = 0.9 * begun[-1][0], 0.81 * begun[-1][1] + q
+        ahead.append((x, C))
+        for name, r in noises.items():
+            if not np.isnan(y := z[name][k, 0]):
+                x, C = x + C / (C + r) * (y - x), C * r / (C + r)
+        filtered.append((x, C))
+    result = sigmax.run("SRCKFB", model, prior, z)
+    np.testing.assert_allclose(result.mean[:, 0], [x for x, _ in filtered], rtol=1e-7)
+    np.testing.assert_allclose(result.cov[:, 0, 0], [C for _, C in filtered], rtol=1e-7)
+    live = sigmax.Live("SRCKFB", model, prior)
+    for k in range(12):
+        live.predict(1.0)
+        for name in noises:
+            live.update(z[name][k], name)
+    assert np.array_equal(live.mean, result.mean[-1])
+    smoothed = sigmax.smooth("SRCKFB", model, result)
+    xs, Cs = filtered[-1]
+    for k in range(10, -1, -1):
+        (x, C), (x_next, C_next) = begun[k + 1], ahead[k + 1]
+        G = 0.9 * C / C_next
+        xs, Cs = x + G * (xs - x_next), C + G * (Cs - C_next) * G
+        np.testing.assert_allclose([smoothed.mean[k, 0], smoothed.cov[k, 0, 0]], [xs, Cs], rtol=1e-6)
+    told = sigmax.constrained("SRCKFB", model, result)
+    np.testing.assert_allclose(told.mean[:-1, 0], [x for x, _ in begun[1:]], rtol=1e-7)
+    with pytest.raises(InputError, match="when="):
+        sigmax.constrain(free, lambda x: x[0], low=0.0, when="later")
+
+
 def test_a_bent_value_is_met_and_a_wall_is_not_crossed():
     ring = sigmax.constrain(resting(), lambda x: jnp.hypot(x[0], x[1]), equal=3.0)
     near = sigmax.Gaussian([2.0, 1.8, 0.0], [0.01, 0.02, 1.0])

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.errors import InputError
+from sigmax.errors import InputError, unknown
 from sigmax.models.checks import numbers
 from sigmax.models.model import Model
 from sigmax.models.switching import check_one_mode
@@ -24,21 +24,32 @@ class Constraint:
         function: of a state.
         low: k numbers, −inf where there is no bound.
         high: k numbers.
+        when: in a step it is taken: "predicted" after the motion, "measured" before the next one.
     """
 
     function: Callable[..., Any]
     low: tuple[float, ...]
     high: tuple[float, ...]
+    when: str = "predicted"
+
+
+_WHEN = ("predicted", "measured")
 
 
 def constrain(
-    model: Model, function: Callable[..., Any], *, low: Any = None, high: Any = None, equal: Any = None
+    model: Model,
+    function: Callable[..., Any],
+    *,
+    low: Any = None,
+    high: Any = None,
+    equal: Any = None,
+    when: str = "predicted",
 ) -> Model:
-    """The model with something known of each state: every prediction is conditioned on it, for any filter and form.
+    """The model with something known of each state, on which every step is conditioned, for any filter and form.
 
     Between bounds the normal distribution is cut off and taken by its mean and covariance; with a value it is
     projected, which is a measurement without noise. Both are corrections of the filter's own form. Several constraints
-    are taken one after the other. The prior is taken as it is.
+    are taken one after the other.
 
     Args:
         model: of one mode.
@@ -46,6 +57,9 @@ def constrain(
         low: the least that it can be, a number or k of them.
         high: the most.
         equal: its value, in the place of both.
+        when: "predicted" for after each motion, before anything is measured; the prior is taken as it is. "measured"
+            for after all that was measured in a step, which is before the next motion: nearer to what is exact for
+            bounds. Estimates are told as they were before; `constrained` conditions them.
 
     Raises:
         InputError: for bounds that are none or do not fit, and a model of several modes.
@@ -64,7 +78,9 @@ def constrain(
     for a, b in zip(least, most, strict=True):
         if not a <= b or a == np.inf or b == -np.inf:
             raise InputError(f"a constraint lies between low and high; they are {a:g} and {b:g}")
-    return model.with_parts(constraints=(*model.constraints, Constraint(g, least, most)))
+    if when not in _WHEN:
+        raise unknown("time of a constraint, when=", when, _WHEN)
+    return model.with_parts(constraints=(*model.constraints, Constraint(g, least, most, when)))
 
 
 def _both(low: Any, high: Any) -> tuple[tuple[str, Any], tuple[str, Any]]:
@@ -80,7 +96,7 @@ def _bounds(what: str, given: Any, size: int) -> tuple[float, ...]:
 
 def of_part(constraints: tuple[Constraint, ...], start: int, size: int) -> tuple[Constraint, ...]:
     """The same of a state of which theirs is a part: so many numbers from a place on."""
-    return tuple(Constraint(_of_part(c.function, start, size), c.low, c.high) for c in constraints)
+    return tuple(Constraint(_of_part(c.function, start, size), c.low, c.high, c.when) for c in constraints)
 
 
 @lru_cache(maxsize=256)

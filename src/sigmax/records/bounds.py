@@ -28,7 +28,7 @@ def bounded(built: Built, bounds: Mapping[str, BoundPart]) -> Built:
             if value is not None
         }
         try:
-            model = constrain(model, _component(place), **ends)
+            model = constrain(model, _component(place), when=part.when, **ends)
         except InputError as error:
             raise InputError(f"bounds.{name}: {error}") from error
     return built._replace(model=model)

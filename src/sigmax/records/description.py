@@ -133,10 +133,11 @@ class BiasPart(Section):
 
 
 class BoundPart(Section):
-    """What is known of a component of the state at all times."""
+    """What is known of a component of the state at all times, and when a step takes it, see `constrain`."""
 
     low: Any = None
     high: Any = None
+    when: str = "predicted"
 
 
 class LocalPart(Section):

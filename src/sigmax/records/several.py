@@ -70,8 +70,8 @@ def read_data(
             frame = frame or own_frame
             if own_frame != frame:
                 raise InputError(
-                    f"{where}.local: all tables of a record have one frame, {frame.name} ({_place(frame)}); this one has "
-                    f"{own_frame.name} ({_place(own_frame)}): leave origin and frame out here"
+                    f"{where}.local: all tables of a record have one frame, {frame.name} ({_place(frame)}), not "
+                    f"{own_frame.name} ({_place(own_frame)}): leave origin and frame out"
                 )
             other = with_local(other, part.local, own_frame)
         own, began = instants(other, part.time)

@@ -26,10 +26,15 @@ _DEEP = 39.0
 _LEAST = 1e-12
 
 
-def conditioned(filter: Filter, model: Model, x: jax.Array, S: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Mean and factor given the constraints of a model, and whether these could be taken (...)."""
+def conditioned(
+    filter: Filter, model: Model, x: jax.Array, S: jax.Array, when: str | None = None
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Mean and factor given the constraints of a model, and whether these could be taken (...).
+
+    All of them, or those that are taken at one time of a step.
+    """
     sound = jnp.ones(x.shape[1:], bool)
-    for constraint in model.constraints:
+    for constraint in (c for c in model.constraints if when in (None, c.when)):
         for row in range(len(constraint.low)):
             new, root, fine = _by_row(filter, model, constraint, row, x, S)
             x, S = jnp.where(fine, new, x), jnp.where(fine, root, S)

@@ -59,7 +59,7 @@ def _fingerprint(filter: Filter, model: Model) -> str | None:
         return None
     numbers = [(np.shape(a), np.asarray(a, float).tobytes()) for a in jax.tree.leaves(model)]
     spaces = model.space, *(None if m is None else m.space for m in model.measured.values())
-    bounds = [(c.low, c.high) for c in model.constraints]
+    bounds = [(c.low, c.high, c.when) for c in model.constraints]
     about = parts, numbers, spaces, model.fusion, bounds, [(of, size) for of, _, size in model.inside]
     return hashlib.sha256(repr(about).encode()).hexdigest()
 

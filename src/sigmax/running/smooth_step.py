@@ -13,6 +13,7 @@ from sigmax.models.model import Model
 from sigmax.rules import Taylor1
 from sigmax.rules.charted import linearized
 from sigmax.rules.linearization import Linearization
+from sigmax.running.constraining import conditioned
 from sigmax.running.step import Fault
 from sigmax.running.updating import ROUNDING
 from sigmax.spaces import reset
@@ -35,7 +36,7 @@ def back(
 
     `later_fault`, `dt` and `u` are those of the step after it, `stretch` as in `step.predict`.
     """
-    x, S = filtered
+    x, S, _ = conditioned(filter, model, *filtered, "measured")
     new, root, sound = _back(filter, model, noise, x, S, later, dt, u, stretch)
     unmoved = (later_fault > 0) & (later_fault <= Fault.PREDICTION_INDEFINITE)
     new, root = (jnp.where(sound, a, b) for a, b in ((new, x), (root, S)))

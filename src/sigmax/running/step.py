@@ -128,20 +128,20 @@ def predict(
 
     `root` is `noise_root(model.Q)`; the rows of the noise's factor are multiplied by `stretch` (n, ...).
     """
-    x, S = belief
+    x, S, begun = conditioned(filter, model, *belief, "measured")
     with jax.named_scope("the motion, linearised, and its noise"):
         line, Lq, noise_sound = disturbed_motion(filter.predict, model, root, x, S, dt, u, stretch)
     with jax.named_scope("the predicted covariance"):
         predicted, widened = _predicted(filter, line, Lq)
     new = _in_domain(model, Belief(line.mean, predicted.factor))
-    mean, factor, agreed = conditioned(filter, model, *new)
+    mean, factor, agreed = conditioned(filter, model, *new, "predicted")
     with jax.named_scope("is it sound?"):
         fault = first(
             (~finite(line.mean, line.slope, line.residual), Fault.MOTION_NOT_FINITE),
             (~noise_sound, Fault.MOTION_NOISE_INDEFINITE),
             (~(predicted.sound & finite(new.mean, new.factor)), Fault.PREDICTION_INDEFINITE),
             (widened, Fault.PREDICTION_WIDENED),
-            (~agreed, Fault.CONSTRAINT_LEFT_OUT),
+            (~(begun & agreed), Fault.CONSTRAINT_LEFT_OUT),
         )
         return kept(fault <= 0, Belief(mean, factor), belief), fault
 
