@@ -72,7 +72,8 @@ def family(build: Build, search: Search, filter: Filter, given: Model, own: int,
 def _family(of: Callable[[Any], Model], given: Model, own: int, noises: tuple[str, ...], p: int) -> Model:
     if given.inside or given.fusion is not None:
         raise Refused("noises inside functions, and fused sensors, take their parameters from XLA alone")
-    if depends(lambda theta: _fixed(of(theta)), p):
+    still = given.domain is not None or given.constraints or isinstance(given, SwitchingModel)
+    if still and depends(lambda theta: _fixed(of(theta)), p):
         raise Refused("domain, constraints, modes and transitions take their parameters from XLA alone")
     if isinstance(given, SwitchingModel):
         models = [_family(_mode(of, i), m, own, noises, p) for i, m in enumerate(given.models)]

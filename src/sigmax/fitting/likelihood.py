@@ -63,8 +63,7 @@ class Likelihood:
 
     def __init__(self, filter: Filter, data: Data, search: Search, start: np.ndarray) -> None:
         self.filter, self.data, self.search = filter, data, search
-        built(data.build, search.named(jnp.asarray(start)))
-        model, prior = built(data.build, search.named(start))
+        model, prior = built(data.build, search.named(jnp.asarray(start)))
         self.ready = prepare(filter, model, prior, data.z, data.dt, data.inputs, "float64", data.update_first, R=data.R)
         self.steps = int(self.ready.dt.shape[-1])
         self.tracks = self.ready.batch or 1
@@ -123,7 +122,7 @@ class Likelihood:
         first = self.ready.filter.form.bias_first
         if self._moving is None:
             self._moving = depends(lambda t: list(_joint(self.data.build, self.search, first, t)), self.search.size)
-        each = theta if self._moving else self._start[None]
+        each = jnp.asarray(theta if self._moving else self._start[None])
         made = [_joint(self.data.build, self.search, first, t) for t in each]
         found = []
         for parts, core in ((next(zip(*made, strict=True)), 1), (list(zip(*made, strict=True))[1], 2)):

@@ -172,10 +172,13 @@ def _check_noise(label: str, function: Any, arguments: tuple[np.ndarray, ...], s
 
 @functools.lru_cache(maxsize=512)
 def _check_noise_at(label: str, function: Any, at: tuple[tuple[tuple[int, ...], str, bytes], ...], size: int) -> None:
-    """Made once for the same arguments: evaluating a function outside a compilation takes milliseconds."""
+    """Made once for the same arguments: evaluating a function outside a compilation takes milliseconds.
+
+    It is compiled as a whole: each of its operations by itself would take as long.
+    """
     arguments = [jnp.asarray(np.frombuffer(content, kind).reshape(shape)) for shape, kind, content in at]
     shape(label, function, tuple(jax.ShapeDtypeStruct(a.shape, a.dtype) for a in arguments), [])
-    value = numbers(f"{label}(…)", function(*arguments))
+    value = numbers(f"{label}(…)", jax.jit(function)(*arguments))
     if is_traced(value):
         return
     if value.shape not in ((size,), (size, size)):
