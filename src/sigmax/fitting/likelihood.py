@@ -14,7 +14,7 @@ from sigmax.filters import Filter
 from sigmax.fitting.family import Build, built, depends, family_of
 from sigmax.fitting.search import Search
 from sigmax.models.bias import joint
-from sigmax.models.checks import numbers
+from sigmax.models.checks import is_traced, numbers
 from sigmax.models.model import Model
 from sigmax.native.fingerprint import fingerprint
 from sigmax.running import native_engine, xla_engine
@@ -63,7 +63,7 @@ class Likelihood:
 
     def __init__(self, filter: Filter, data: Data, search: Search, start: np.ndarray) -> None:
         self.filter, self.data, self.search = filter, data, search
-        model, prior = built(data.build, search.named(jnp.asarray(start)))
+        model, prior = built(data.build, search.numbers(start))
         self.ready = prepare(filter, model, prior, data.z, data.dt, data.inputs, "float64", data.update_first, R=data.R)
         self.steps = int(self.ready.dt.shape[-1])
         self.tracks = self.ready.batch or 1
@@ -122,7 +122,7 @@ class Likelihood:
         first = self.ready.filter.form.bias_first
         if self._moving is None:
             self._moving = depends(lambda t: list(_joint(self.data.build, self.search, first, t)), self.search.size)
-        each = jnp.asarray(theta if self._moving else self._start[None])
+        each = theta if self._moving else self._start[None]
         made = [_joint(self.data.build, self.search, first, t) for t in each]
         found = []
         for parts, core in ((next(zip(*made, strict=True)), 1), (list(zip(*made, strict=True))[1], 2)):
@@ -189,7 +189,7 @@ class Likelihoods:
 
 def _joint(build: Build, search: Search, first: bool, theta: Any) -> tuple[Any, Any]:
     """The prior of state and bias."""
-    model, prior = built(build, search.named(theta))
+    model, prior = built(build, search.named(theta) if is_traced(theta) else search.numbers(theta))
     whole = prior if model.bias is None else joint(prior, model.bias.prior, first)
     return whole.mean, whole.cov
 

@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
@@ -65,6 +66,10 @@ class Search:
             found[name] = theta[at : at + size].reshape(shape)
             at += size
         return found
+
+    def numbers(self, theta: np.ndarray) -> Parameters:
+        """The same of numbers that are known, as arrays of JAX: to slice one would be compiled."""
+        return {name: jnp.asarray(value) for name, value in self.named(theta).items()}
 
     def flat(self, named: Mapping[str, Any]) -> np.ndarray:
         """The vector (p,) of parameters."""
