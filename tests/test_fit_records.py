@@ -194,3 +194,14 @@ def test_numbers_of_the_filter_come_back_in_the_description(folder):
     assert record.trials[0].name == f"UKF:kappa={made.fit.parameters['kappa']:g}"
     done = sigmax.run(*record.told(record.trials[0]), record.z, dt=record.dt, update_first=True)
     assert float(done.log_likelihood.sum()) == pytest.approx(made.fit.log_likelihood, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_the_radios_of_plaza_measure_seven_percent_too_long():
+    """Whatever stands in the prior; the noises are those that a grid had chosen."""
+    made = refit(["plaza2"], ["Q,R,range_scale"], hold_out=0.3).fit
+    assert made.parameters["range_scale"] == pytest.approx(1.0695, abs=0.001)
+    assert 0.0002 < made.std["range_scale"] < 0.0006
+    for name in ("Q", "R"):
+        assert abs(made.parameters[name] - 1) < 3 * made.std[name]
+    assert made.held_out.after > made.held_out.before

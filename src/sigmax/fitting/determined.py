@@ -11,7 +11,9 @@ from sigmax.fitting.summit import Many, Summit
 # What a log-likelihood has to lose before a number counts as told, and where its 95 % interval ends.
 _TOLD, _BOUND = 0.5, 1.92
 # How far logarithms are looked at: a factor of 20; and a mixture, in deviations of its numbers by themselves.
-_WIDE, _MIXED = 3.0, 30.0
+_WIDE, _MIXED = 3.0, 3000.0
+# Curvature, of 1 where numbers are independent, below which a direction is followed.
+_FLAT = 0.02
 # Logits beyond this are at a bound.
 _AT_BOUND = 5.5
 
@@ -28,8 +30,8 @@ class Untold(NamedTuple):
     said: str
 
 
-def untold(f: Many, summit: Summit, search: Search, names: Sequence[str]) -> tuple[Untold, ...]:
-    """What a record leaves open at its maximum.
+def untold(f: Many, summit: Summit, search: Search, names: Sequence[str]) -> tuple[tuple[Untold, ...], Summit]:
+    """What a record leaves open at its maximum, and the maximum with the curvature of its flattest directions.
 
     Args:
         f: the log-likelihood of what is searched.
@@ -37,10 +39,11 @@ def untold(f: Many, summit: Summit, search: Search, names: Sequence[str]) -> tup
         search: the parameters.
         names: what each of them is called.
     """
-    found = [*_alone(f, summit, search, names)]
+    found = _alone(f, summit, search, names)
     out = {i for one in found for i in one.which}
     kept = [i for i in range(search.size) if i not in out]
-    return (*found, *_mixed(f, summit, kept, names))
+    more, summit = _mixed(f, summit, kept, search, names)
+    return (*found, *more), summit
 
 
 def covariance(summit: Summit, search: Search, found: Sequence[Untold]) -> np.ndarray:
@@ -76,6 +79,8 @@ def _alone(f: Many, summit: Summit, search: Search, names: Sequence[str]) -> lis
             elif low and high and A[i] * summit.steps[i] ** 2 < 1e-6:
                 found.append(Untold((i,), _nothing(name)))
         elif search.logarithmic[i]:
+            ends = [_edge(f, summit, i, side) for side in (-1, 1)] if low and high else []
+            low, high = (np.isnan(ends[0]), np.isnan(ends[1])) if ends else (low, high)
             if low and high:
                 span = f"from {theta[i] / np.exp(_WIDE):.2g} to {theta[i] * np.exp(_WIDE):.2g}"
                 found.append(Untold((i,), f"{_nothing(name)}: {span} the log-likelihood loses less than {_TOLD}"))
@@ -83,7 +88,7 @@ def _alone(f: Many, summit: Summit, search: Search, names: Sequence[str]) -> lis
                 edge = _edge(f, summit, i, 1 if low else -1)
                 limit = f"{np.exp(edge):.2g}" if np.isfinite(edge) else "any number"
                 where = "below" if low else "above"
-                also = "0 would do as well" if low else "the larger the better"
+                also = "0 would do as well" if where == "below" else "the larger the better"
                 found.append(Untold((i,), f"of {name} the record tells only that it is {where} {limit}: {also}"))
         elif low and high and A[i] * summit.steps[i] ** 2 < 1e-9 * max(1.0, abs(summit.value)):
             found.append(Untold((i,), _nothing(name)))
@@ -103,21 +108,36 @@ def _edge(f: Many, summit: Summit, i: int, sign: int) -> float:
     return float(points[beyond[0], i]) if len(beyond) else float("nan")
 
 
-def _mixed(f: Many, summit: Summit, kept: list[int], names: Sequence[str]) -> list[Untold]:
-    """Directions along which the log-likelihood stays the same, though each number by itself is told."""
+def _mixed(
+    f: Many, summit: Summit, kept: list[int], search: Search, names: Sequence[str]
+) -> tuple[list[Untold], Summit]:
+    """Directions along which the log-likelihood stays the same, though each number by itself is told.
+
+    Small differences do not see a curvature that is a thousandth of others: along such a direction the likelihood is
+    followed until it has lost enough to tell.
+    """
     if len(kept) < 2:
-        return []
-    A = summit.curvature[np.ix_(kept, kept)]
-    scale = 1 / np.sqrt(np.maximum(np.diag(A), 1e-300))
-    w, V = np.linalg.eigh(A * np.outer(scale, scale))
+        return [], summit
+    at = np.ix_(kept, kept)
+    scale = 1 / np.sqrt(np.maximum(np.diag(summit.curvature[at]), 1e-300))
+    w, V = np.linalg.eigh(summit.curvature[at] * np.outer(scale, scale))
+    bounded = ~search.straight[kept]
     found = []
-    for value, v in zip(w, V.T, strict=True):
-        if value > 2 * _TOLD / _MIXED**2 * 4:
+    for k, v in enumerate(V.T):
+        if w[k] > _FLAT:
             continue
-        points = np.tile(summit.y, (2, 1))
-        points[:, kept] += np.array([[1.0], [-1.0]]) * _MIXED * v * scale
-        if value <= 0 or (summit.value - f(points) < 4 * _TOLD).all():
-            which = tuple(kept[i] for i in np.flatnonzero(np.abs(v) > 0.2))
-            listed = " and ".join(names[i] for i in which)
-            found.append(Untold(which, f"the record determines {listed} only together: fix one of them"))
-    return found
+        longest = _WIDE / np.maximum(np.abs(v * scale), 1e-300)
+        far = np.geomspace(3.0, max(4.0, float(min(_MIXED, longest[bounded].min(initial=np.inf)))), 9)
+        points = np.tile(summit.y, (2 * len(far), 1))
+        points[:, kept] += np.concatenate([far, -far])[:, None] * v * scale
+        lost = (summit.value - f(points)).reshape(2, -1).mean(0)
+        enough = np.flatnonzero(lost > _TOLD)
+        if len(enough) and np.isfinite(lost[enough[0]]):
+            w[k] = 2 * lost[enough[0]] / far[enough[0]] ** 2
+            continue
+        which = tuple(kept[i] for i in np.flatnonzero(np.abs(v) > 0.2))
+        listed = " and ".join(names[i] for i in which)
+        found.append(Untold(which, f"the record determines {listed} only together: fix one of them"))
+    curvature = summit.curvature.copy()
+    curvature[at] = (V * w) @ V.T / np.outer(scale, scale)
+    return found, summit._replace(curvature=curvature)

@@ -104,7 +104,6 @@ class Fit:
         if self.held_out is not None:
             change = self.held_out.after - self.held_out.before
             rows.append(("held out", f"{self.held_out.steps:,} steps, {change:+,.4g} from the start"))
-        rows.append(("evaluations", f"{self.evaluations:,}"))
         rows += [("not determined", said) for said in self.undetermined]
         return words.text("Fit" if self.converged else f"Fit that did not converge: {self.message}", rows)
 

@@ -28,7 +28,7 @@ def judged(tried: Tried, begin: Begin, hold_out: float, progress: Callable[[str]
     """The fit of a maximum."""
     likelihoods, summit = tried
     search = likelihoods.search
-    found = untold(likelihoods.inside(), summit, search, search.labels)
+    found, summit = untold(likelihoods.inside(), summit, search, search.labels)
     spread = covariance(summit, search, found)
     held = _held_out(tried, begin, 1 - hold_out, progress) if hold_out else None
     along = _along(likelihoods, summit, spread)

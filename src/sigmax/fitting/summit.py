@@ -101,7 +101,7 @@ def climb(
             message, converged = _FOUND, True
             break
         limit = np.where(straight, np.maximum(_FAR * unit, 1e3 * h), _FAR * unit)
-        moves *= np.minimum(1, (limit / np.maximum(np.abs(moves), 1e-300)).min(1))[:, None]
+        moves /= np.maximum(1, (np.abs(moves) / limit).max(1))[:, None]
         tried = np.clip(y + moves, start - reach, start + reach)
         at = f(tried)
         count += len(tried)
