@@ -6,7 +6,7 @@ import pytest
 
 import sigmax
 from sigmax.errors import InputError
-from sigmax.models import after, correlated, shifted
+from sigmax.models import after, correlated, correlated_at_end, shifted
 
 F = np.array([[1.0, 0.8], [-0.1, 0.9]])
 H = np.array([[1.0, 0.3], [0.0, 1.0]])
@@ -24,7 +24,7 @@ Z = np.random.default_rng(2).normal(size=(9, 2))
 Z[3], Z[5, 0] = np.nan, np.nan
 
 
-def drawn_together():
+def drawn_together(end=False):
     """Mean and covariance of all states given all they were measured by, and of each given what came until then."""
     T = len(Z)
     # The states are linear in x_0 and the noises: rows over [x_0, w_0 … w_T-2, v_0 … v_T-1].
@@ -37,7 +37,8 @@ def drawn_together():
         C[v, v] = R
         if k < T - 1:
             w = slice(2 + 2 * k, 4 + 2 * k)
-            C[w, w], C[w, v], C[v, w] = Q, S, S.T
+            with_it = slice(v.start + 2, v.stop + 2) if end else v
+            C[w, w], C[w, with_it], C[with_it, w] = Q, S, S.T
             step = np.zeros((2, size))
             step[:, w] = np.eye(2)
             X.append(F @ X[-1] + step)
@@ -82,6 +83,28 @@ def test_every_form_is_the_conditional_distribution_forwards_and_backwards(name)
 @pytest.mark.parametrize("name", [n for n in sigmax.names() if n != "KF"])
 def test_every_filter_and_engine(name, backend):
     check(name, backend)
+
+
+@pytest.mark.parametrize("name", ["EKF", "SRCKF", pytest.param("SREIF", marks=pytest.mark.slow)])
+def test_at_the_end_of_an_interval_too_forwards_and_backwards(name):
+    """And beside a sensor that is not correlated, of which nothing is heard."""
+    filtered, smoothed = drawn_together(end=True)
+    model, prior = correlated_at_end(MODEL, PRIOR, S)
+    result = sigmax.run(name, model, prior, Z, update_first=True)
+    assert result.ok.all()
+    back = sigmax.smooth(name, model, result)
+    for k in range(len(Z)):
+        for found, (mean, cov) in ((result, filtered[k]), (back, smoothed[k])):
+            np.testing.assert_allclose(found.mean[k, :2], mean, rtol=1e-8, atol=1e-8)
+            np.testing.assert_allclose(found.cov[k, :2, :2], cov, rtol=1e-8, atol=1e-8)
+    two = sigmax.Model(
+        motion=MODEL.motion, Q=MODEL.Q, state=("a", "b"), sensor={"one": MODEL.sensors[""], "two": lambda x: x[:1]},
+        R={"one": R, "two": [1.0]},
+    )  # fmt: skip
+    model, prior = correlated_at_end(two, PRIOR, {"one": S})
+    assert model.state == ("a", "b", "noise_one_measurement0", "noise_one_measurement1")
+    both = sigmax.run(name, model, prior, {"one": Z, "two": np.full((len(Z), 1), np.nan)}, update_first=True)
+    np.testing.assert_allclose(both.mean, result.mean, rtol=1e-9, atol=1e-9)
 
 
 def test_the_predictor_of_the_textbook():

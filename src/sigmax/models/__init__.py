@@ -6,6 +6,7 @@ from sigmax.models.bias import Bias
 from sigmax.models.components import angle, direction, extended_pose, part, pose2, pose3, rotation
 from sigmax.models.constraint import constrain
 from sigmax.models.correlated import after, correlated, shifted
+from sigmax.models.correlated_at_end import correlated_at_end
 from sigmax.models.derivatives import with_derivatives
 from sigmax.models.fusion import fused
 from sigmax.models.gaussian import Gaussian
@@ -31,6 +32,7 @@ __all__ = [
     "augment",
     "constrain",
     "correlated",
+    "correlated_at_end",
     "direction",
     "earth",
     "extended_pose",

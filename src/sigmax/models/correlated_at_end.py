@@ -1,0 +1,117 @@
+"""Noises of motion and of the measurement after it that are correlated: the latter becomes part of the state."""
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.linalg import block_diag
+
+from sigmax.algebra.factor import Diagonal
+from sigmax.errors import InputError, unknown
+from sigmax.models.bias import joint
+from sigmax.models.checks import numbers
+from sigmax.models.components import Components
+from sigmax.models.constraint import of_part
+from sigmax.models.gaussian import Gaussian
+from sigmax.models.model import Model, check_added, check_flat
+from sigmax.models.noise import OF_MOTION, arguments_of, by_value, takes
+from sigmax.models.switching import check_one_mode
+from sigmax.spaces import Flat, product
+
+Matrix = tuple[tuple[float, ...], ...]
+
+
+def correlated_at_end(model: Model, prior: Gaussian, S: Any) -> tuple[Model, Gaussian]:
+    """The model whose noise over an interval is correlated with that of the measurement at its end, and its prior.
+
+    S = Cov(w_k, v_{k+1}) of x_{k+1} = f(x_k) + w_k and z_{k+1} = h(x_{k+1}) + v_{k+1}. The noise v becomes part of the
+    state, behind it, and is drawn anew with w: the covariance of both over an interval is [[Q, S], [Sᵀ, R]]. Exact
+    where f and h are linear. A sensor is heard once in an interval: a second measurement has the same noise.
+
+    Args:
+        model: with its bias written into its state, if it has one.
+        prior: of its state.
+        S: (d, m) of the whole interval; a dict by sensor where there are several, of those that are correlated.
+
+    Raises:
+        InputError: for another shape or sensor, an R that is a function, modes, fused sensors, curved spaces.
+    """
+    check_one_mode(model, "correlated_at_end")
+    check_flat(model, "correlated_at_end")
+    check_added(model, "correlated_at_end")
+    if model.bias is not None or model.fusion is not None:
+        raise InputError("correlated_at_end wants a model without bias and fusion: write it with sigmax.models.augment")
+    if model.several != isinstance(S, Mapping):
+        wanted = f"a dict by sensor name, {sorted(model.sensors)}" if model.several else "a matrix (d, m)"
+        raise InputError(f"S must be {wanted}; it is {type(S).__name__}")
+    given: Mapping[str, Any] = S if isinstance(S, Mapping) else {"": S}
+    n, names, matrices, noises = model.size, [], [], []
+    sensors, R = {s: _seen(h, model.sensor_inputs[s], n, None) for s, h in model.sensors.items()}, dict(model.R)
+    for s, value in given.items():
+        if s not in model.sensors:
+            raise unknown("sensor", s, model.sensors)
+        measured, where = model.measured_deviations(s), s or "the sensor"
+        if measured is None or callable(model.R[s]):
+            raise InputError(f"R of {where} is a function: its noise, which is part of the state, takes numbers")
+        matrix = numbers(f"S[{s!r}]" if s else "S", value)
+        if matrix.shape != (model.dim, len(measured)):
+            raise InputError(
+                f"S must have the shape {(model.dim, len(measured))}, state by measurement; {matrix.shape}"
+            )
+        at = n + len(names)
+        names += [f"noise_{s}_{name}" if s else f"noise_{name}" for name in measured]
+        matrices.append(matrix)
+        noises.append(np.asarray(by_value(model.R[s])))
+        sensors[s] = _seen(model.sensors[s], model.sensor_inputs[s], n, (at, n + len(names)))
+        R[s] = Diagonal(np.zeros(len(measured)))
+    whole = block_diag(*noises)
+    own, Q = model.components, model.Q if callable(model.Q) else by_value(model.Q)
+    made = model.with_parts(
+        motion=_moved(model.motion, model.motion_inputs, n, len(names)),
+        sensors=sensors,
+        R=R,
+        Q=_together(Q, n, by_value(np.concatenate(matrices, 1)), by_value(whole)),
+        components=Components(
+            (*own.numbers, *names), (*own.deviations, *names), product(own.space, Flat((False,) * len(names)))
+        ),
+        constraints=of_part(model.constraints, 0, n),
+        domain=None if model.domain is None else _kept(model.domain, n),
+    )
+    return made, joint(prior, Gaussian(np.zeros(len(names)), whole), False)
+
+
+@lru_cache(maxsize=256)
+def _moved(f: Callable[..., Any], driven: bool, n: int, more: int) -> Callable[..., Any]:
+    if driven:
+        return lambda X, dt, u: jnp.concatenate([jnp.asarray(f(X[:n], dt, u)), jnp.zeros(more, X.dtype)])
+    return lambda X, dt: jnp.concatenate([jnp.asarray(f(X[:n], dt)), jnp.zeros(more, X.dtype)])
+
+
+@lru_cache(maxsize=256)
+def _seen(h: Callable[..., Any], driven: bool, n: int, noise: tuple[int, int] | None) -> Callable[..., Any]:
+    def measured(X: jax.Array, *u: jax.Array) -> jax.Array:
+        z = jnp.asarray(h(X[:n], *u))
+        return z if noise is None else z + X[noise[0] : noise[1]]
+
+    return (lambda X, u: measured(X, u)) if driven else (lambda X: measured(X))
+
+
+@lru_cache(maxsize=256)
+def _kept(domain: Callable[..., Any], n: int) -> Callable[..., Any]:
+    return lambda X: jnp.concatenate([jnp.asarray(domain(X[:n])), X[n:]])
+
+
+@lru_cache(maxsize=256)
+def _together(Q: Any, n: int, S: Matrix, R: Matrix) -> Callable[..., Any]:
+    def noise(X: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
+        value = jnp.asarray(Q(*arguments_of(Q, "Q", OF_MOTION, X[:n], dt, u)) if callable(Q) else Q).astype(X.dtype)
+        value = value if callable(Q) else value * dt
+        value = jnp.diag(value) if value.ndim == 1 else value
+        cross = jnp.asarray(S, X.dtype)
+        return jnp.block([[value, cross], [cross.T, jnp.asarray(R, X.dtype)]])
+
+    driven = callable(Q) and takes(Q, "Q", OF_MOTION) == 3
+    return (lambda X, dt, u: noise(X, dt, u)) if driven else (lambda X, dt: noise(X, dt))
