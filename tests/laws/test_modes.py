@@ -469,6 +469,27 @@ def test_results_of_other_modes_are_refused():
     assert np.array_equal(pickle.loads(pickle.dumps(model.initial)), model.initial)
 
 
+def test_explained_it_is_each_mode_explained():
+    narrow = sigmax.Model(
+        motion=lambda x, dt: jnp.stack([x[0] * x[1], x[1]]), sensor=lambda x: x[:1], Q=[1.0, 1.0], R=[1.0],
+        state=("x", "vx"), measurement=("x",),
+    )  # fmt: skip
+    wide = sigmax.Model(
+        motion=lambda x, dt: jnp.stack([x[0], jnp.sin(x[2]), x[2]]), sensor=lambda x: x[:1], Q=[1.0, 1.0, 1.0],
+        R=[1.0], state=("x", "vx", "w"), measurement=("x",),
+    )  # fmt: skip
+    model = sigmax.imm({"narrow": (narrow, "EKF"), "wide": wide}, sojourn=[5.0, 5.0], entry={"w": (0.0, 1.0)})
+    prior = sigmax.Gaussian([0.0, 1.0, 0.0], [1.0, 2.0, 3.0])
+    found = sigmax.explain("SRCKF", model, prior, measure=False)
+    alone = [
+        one._replace(function=f"{mode}: {one.function}")
+        for mode, filter, part in (("narrow", "EKF", narrow), ("wide", "SRCKF", wide))
+        for one in sigmax.explain(filter, part, sigmax.Gaussian(np.zeros(part.size), np.ones(part.size)), measure=False)
+    ]
+    assert found == alone
+    assert [one.function for one in found] == ["narrow: motion", "narrow: sensor", "wide: motion", "wide: sensor"]
+
+
 def test_it_has_whatever_a_model_has():
     """Anything that takes a Model may ask for what every Model has, before it finds that this one has modes."""
     model = sigmax.imm({"calm": CALM, "wild": WILD}, transition=MATRIX)
@@ -480,7 +501,6 @@ def test_it_has_whatever_a_model_has():
 @pytest.mark.parametrize(
     "use",
     [
-        lambda m, folder: sigmax.explain("SRCKF", m, PRIOR),
         lambda m, folder: sigmax.start(m, walk(1, 3)[0], at=np.zeros(4)),
         lambda m, folder: sigmax.tracking.Modes([("KF", m)]),
         lambda m, folder: sigmax.running.contribution(sigmax.Live("EIF", m, PRIOR), [0.0, 0.0], ""),

@@ -11,6 +11,8 @@ from sigmax.records import find_model, parse_trial
 from sigmax.running.bending import bending
 from sigmax.running.explain import Explained, explain
 from sigmax.running.folding import folding
+from sigmax.running.joining import modes_of
+from sigmax.running.prepare import as_filter
 
 
 def explain_model(model: str, filter: str, measure: bool) -> None:
@@ -36,9 +38,11 @@ def explain_model(model: str, filter: str, measure: bool) -> None:
         name = trial.name.partition(":")[0]
         console.print(f"To draw the points in this order: --filter {name}:permute=1", highlight=False)
     k = None if task.inputs is None else len(task.inputs)
-    own = trial.filter.on(0)
-    plain = task.model.bias is None
-    for line in (*folding(own, task.model, task.prior, k), *bending(own, task.model, task.prior)) if plain else ():
+    plain = [] if task.model.bias is not None else modes_of(as_filter(trial.filter, task.model).on(0), task.model)
+    careful = [
+        line for own, part in plain for line in (*folding(own, part, task.prior, k), *bending(own, part, task.prior))
+    ]
+    for line in dict.fromkeys(careful):
         console.print(f"[yellow]Careful:[/yellow] {escape(line)}.", highlight=False, soft_wrap=True)
 
 

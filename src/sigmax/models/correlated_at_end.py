@@ -48,7 +48,8 @@ def correlated_at_end(model: Model, prior: Gaussian, S: Any) -> tuple[Model, Gau
         wanted = f"a dict by sensor name, {sorted(model.sensors)}" if model.several else "a matrix (d, m)"
         raise InputError(f"S must be {wanted}; it is {type(S).__name__}")
     given: Mapping[str, Any] = S if isinstance(S, Mapping) else {"": S}
-    n, names, matrices, noises = model.size, [], [], []
+    n, matrices, noises = model.size, [], []
+    names: list[str] = []
     sensors, R = {s: _seen(h, model.sensor_inputs[s], n, None) for s, h in model.sensors.items()}, dict(model.R)
     for s, value in given.items():
         if s not in model.sensors:

@@ -13,9 +13,10 @@ from sigmax.filters import Filter
 from sigmax.models.augment import with_bias
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, check_flat
-from sigmax.models.switching import check_one_mode
+from sigmax.models.switching import SwitchingModel
 from sigmax.rules import Marginal, Rule, SigmaPoints
 from sigmax.rules.taylor import order_of
+from sigmax.running.joining import modes_of
 from sigmax.running.linearizing import seconds_of
 from sigmax.running.prepare import as_filter
 
@@ -45,7 +46,7 @@ class Explained(NamedTuple):
     """What a rule does with one function of a model.
 
     Attributes:
-        function: "motion" or the sensor.
+        function: "motion" or the sensor, of several modes with the name of the mode before it.
         rule: the rule, without the permutation.
         points: of its set; of a Taylor rule the value and the derivatives that it takes.
         straight: results that are not sampled, of `results`.
@@ -95,7 +96,7 @@ def explain(
     """What the rules of a filter find in a model's motion and sensors, its bias standing behind the state.
 
     Args:
-        filter: a filter.
+        filter: a filter; that of each mode which names none, where the model has several.
         model: the model.
         prior: where the time is measured.
         dt: seconds of one step.
@@ -106,11 +107,19 @@ def explain(
     Raises:
         InputError: where a rule is one of the user's own, or the filter draws a bias before the state.
     """
+    if isinstance(model, SwitchingModel):
+        found = []
+        for (own, part), mode in zip(modes_of(as_filter(filter, model), model), model.names, strict=True):
+            at = [model.state.index(name) for name in part.state]
+            rows = [model.deviations.index(name) for name in part.deviations]
+            begun = Gaussian(prior.mean[..., at], prior.cov[..., rows, :][..., rows])
+            each = explain(own, part, begun, dt=dt, inputs=inputs, measure=measure)
+            found += [one._replace(function=f"{mode}: {one.function}") for one in each]
+        return found
     chosen = as_filter(filter)
     if model.bias is not None and chosen.form.bias_first:
         raise InputError(f"{chosen.name} draws a bias first, and every point of it moves the whole state; explain CKF")
     check_flat(model, "explain")
-    check_one_mode(model, "explain")
     model, prior = with_bias(model, prior)
     u = [] if inputs is None else [jnp.asarray(inputs, float)]
     moved = [jnp.asarray(dt, float), *(u if model.motion_inputs else [])]
