@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import sigmax
+from sigmax.fitting import em
 from sigmax.fitting.likelihood import Data, Likelihood, Likelihoods
 from sigmax.fitting.search import search_of
 from sigmax.fitting.summit import climb, derivatives
@@ -304,3 +305,61 @@ def test_numbers_of_the_filter_are_fitted_with_the_others():
         sigmax.fit(made, level, start, z, positive=("q", "r"))
     with pytest.raises(sigmax.InputError, match="must give a filter"):
         sigmax.fit(lambda p: p["nu"], level, start, z, positive=("q", "r"), bounds={"nu": (0.5, 50)})
+
+
+def test_em_is_that_of_the_textbook():
+    """Shumway and Stoffer's steps for a factor of Q and one of R, written out in NumPy, step by step the same."""
+    z, steps = drawn(60), 6
+    model = sigmax.Model(motion=LEVEL, sensor=seen, Q=LEVEL.noise(1.0), R=[1.0], measurement=("level",))
+    found = em("EKF", model, sigmax.Gaussian([0.0, 0.0], [1, 1]), z, steps=steps)
+    F, Q, q, r = np.array([[1, 1], [0, 1.0]]), np.array([[1 / 3, 1 / 2], [1 / 2, 1]]), 1.0, 1.0
+    for k in range(steps):
+        assert found.log_likelihood[k] == pytest.approx(exact([q, r], z).real, rel=1e-9)
+        mean, cov, ahead, x, P = [], [], [], np.zeros(2), np.eye(2)
+        for (value,) in z:
+            x, P = F @ x, F @ P @ F.T + q * Q
+            ahead.append((x, P))
+            K = P[:, 0] / (P[0, 0] + r)
+            x, P = x + K * (value - x[0]), P - np.outer(K, P[0])
+            mean.append(x)
+            cov.append(P)
+        later, spread = mean[-1], cov[-1]
+        noise, misses = 0.0, [(z[-1, 0] - later[0]) ** 2 + spread[0, 0]]
+        for t in range(len(z) - 2, -1, -1):
+            G = cov[t] @ F.T @ np.linalg.inv(ahead[t + 1][1])
+            x, P = mean[t] + G @ (later - ahead[t + 1][0]), cov[t] + G @ (spread - ahead[t + 1][1]) @ G.T
+            w, both = later - F @ x, spread @ G.T @ F.T
+            noise += np.trace(np.linalg.solve(Q, np.outer(w, w) + spread - both - both.T + F @ P @ F.T))
+            later, spread = x, P
+            misses.append((z[t, 0] - x[0]) ** 2 + P[0, 0])
+        q, r = noise / (2 * (len(z) - 1)), np.mean(misses)
+    assert [found.Q, found.R[""][0]] == pytest.approx([q, r], rel=1e-8)
+    assert (np.diff(found.log_likelihood) > 0).all()
+    best = sigmax.fit("EKF", level, {"q": found.Q, "r": found.R[""][0]}, z, positive=("q", "r"))
+    assert best.log_likelihood >= found.log_likelihood[-1]
+    nameless = sigmax.Model(motion=LEVEL, sensor=seen, Q=LEVEL.noise(1.0), R=lambda x: jnp.ones(1))
+    with pytest.raises(sigmax.InputError, match="give the model measurement"):
+        em("EKF", nameless, sigmax.Gaussian([0.0, 0.0], [1, 1]), z)
+
+
+@pytest.mark.slow
+def test_em_of_a_bent_model_comes_near_the_maximum():
+    """Two tracks of a radar, an azimuth that turns, a value missing: the likelihood climbs to near its top."""
+    s = sigmax.builtin("radar-ct")
+    rng, T = np.random.default_rng(1), 80
+    x = np.array([-2000.0, 5000.0, 50.0, 3.0, 0.02])
+    z = []
+    for _ in range(2):
+        y, rows = x.copy(), []
+        for _ in range(T):
+            y = np.asarray(s.model.motion(y, 1.0)) + np.sqrt(np.asarray(s.model.Q.entries)) * rng.normal(size=5)
+            seen_now = np.asarray(s.model.sensors[""](y))
+            rows.append(seen_now + np.sqrt(np.asarray(s.model.R[""].entries)) * rng.normal(size=len(seen_now)))
+        z.append(rows)
+    z = np.array(z)
+    z[0, 7] = np.nan
+    prior = sigmax.Gaussian(x, np.array([1e2, 1e2, 10.0, 0.01, 1e-4]))
+    found = em("EKF", s.model, prior, z, steps=30)
+    assert found.log_likelihood[-1] > found.log_likelihood[0]
+    # The third is a speed, which Q hides.
+    assert np.abs(np.log(found.R[""][:2])).max() < 0.3

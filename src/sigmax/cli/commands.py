@@ -171,6 +171,9 @@ def fit_command(
     hold_out: Annotated[
         float, typer.Option("--hold-out", help="Share of the last steps that judge a fit of the others; 0 for none.")
     ] = 0.3,
+    by_em: Annotated[
+        bool, typer.Option("--em", help="Start factors of Q and R where expectation–maximisation leads them.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the fit as JSON.")] = False,
     write: Annotated[
         bool,
@@ -192,7 +195,7 @@ def fit_command(
     say_on_signal("the fit was not finished")
     from sigmax.cli.fit import fit_records
 
-    fit_records(records, free, filter, hold_out, as_json, write, out)
+    fit_records(records, free, filter, hold_out, by_em, as_json, write, out)
 
 
 def serve_command(

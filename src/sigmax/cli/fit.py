@@ -27,6 +27,7 @@ def fit_records(
     free: Sequence[str],
     filter: str | None,
     hold_out: float,
+    by_em: bool,
     as_json: bool,
     write: bool,
     out: Path | None,
@@ -46,7 +47,7 @@ def fit_records(
         def say(done: str) -> None:
             status.update(escape(f"fitting, {done}"))
 
-        made = refit(names, free, filter=filter, hold_out=hold_out, progress=say)
+        made = refit(names, free, filter=filter, hold_out=hold_out, by_em=by_em, progress=say)
     if as_json:
         print(json.dumps(in_numbers(made), indent=2, allow_nan=False))
     else:

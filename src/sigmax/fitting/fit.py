@@ -31,6 +31,7 @@ def fit(
     bounds: Mapping[str, Any] | None = None,
     more: Sequence[Mapping[str, Any]] = (),
     hold_out: float = 0.0,
+    begin: Mapping[str, Any] | None = None,
     progress: Callable[[str], Any] | None = None,
 ) -> Fit:
     """Fit numbers by the likelihood that a filter gives one or several records.
@@ -55,6 +56,7 @@ def fit(
         more: further records that share the parameters, each a dict of what is its own: z, and build, dt, inputs, R,
             update_first where they differ.
         hold_out: the share of the last steps that judge a fit of the others, from 0 to 0.9; the result is of all steps.
+        begin: where the search begins, if not at `start`, which the result is held against.
         progress: is told of each step, in words.
 
     Returns:
@@ -72,20 +74,28 @@ def fit(
     own = Data(build, z, dt, inputs, R, update_first)
     records = [own, *(_another(own, one, k) for k, one in enumerate(more))]
     limits = {} if bounds is None else bounds
+    if begin is not None and (not isinstance(begin, Mapping) or set(begin) != set(start)):
+        raise InputError(f"begin must have the names of start, {', '.join(start)}; it is {begin!r}")
     if callable(filter) and not isinstance(filter, Filter):
-        return _with_filters(filter, records, (start, positive, limits), hold_out, progress)
+        return _with_filters(
+            filter, records, (start, positive, limits), start if begin is None else begin, hold_out, progress
+        )
     chosen, (search, theta) = as_filter(filter), search_of(start, positive, limits)
     likelihoods = Likelihoods(chosen, records, search, theta)
-    begin = Begin(likelihoods, theta, _at(likelihoods, chosen, theta))
+    first = Begin(likelihoods, theta, _at(likelihoods, chosen, theta))
+    if begin is not None:
+        theta = search_of(begin, positive, limits)[1]
+        _at(likelihoods, chosen, theta)
     y = search.inside(theta)
     summit = climb(likelihoods.inside(), y, search.unit(y), search.straight, progress)
-    return judged(Tried(likelihoods, summit), begin, hold_out, progress)
+    return judged(Tried(likelihoods, summit), first, hold_out, progress)
 
 
 def _with_filters(
     make: Callable[[Parameters], Filter],
     records: list[Data],
     given: tuple[Mapping[str, Any], Collection[str], Mapping[str, Any]],
+    began: Mapping[str, Any],
     hold_out: float,
     progress: Callable[[str], Any] | None,
 ) -> Fit:
@@ -104,7 +114,7 @@ def _with_filters(
         [name for name in positive if name not in names],
         {k: v for k, v in bounds.items() if k not in names},
     )
-    lattice = Lattice(make, records, search, theta, limits, progress)
+    lattice = Lattice(make, records, search, search.flat({k: began[k] for k in others}), limits, progress)
     first = lattice.likelihoods(tuple(at))
     begin = Begin(first, theta, _at(first, filter_of(make, {**others, **own}), theta))
     best = lattice.best(tuple(at))

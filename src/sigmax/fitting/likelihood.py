@@ -88,15 +88,24 @@ class Likelihood:
         """Inputs of the family."""
         return self.search.size + (0 if self.ready.u is None else self.ready.u.shape[-1])
 
-    def _natively(self, theta: np.ndarray, T: int) -> np.ndarray:
-        ready, asked_for = self.ready, len(theta)
+    def family(self) -> Model:
+        """The model that reads the parameters from its inputs, behind its own.
+
+        Raises:
+            Refused: where something depends on the parameters that does not read inputs.
+        """
         if self._family is None:
             own = self._width - self.search.size
             noises = self.data.R if isinstance(self.data.R, Mapping) else () if self.data.R is None else ("",)
             known = fingerprint(self.data.build)
             self._family = family_of(
-                current(self.data.build), known, self.search, ready.filter, ready.model, own, tuple(noises)
+                current(self.data.build), known, self.search, self.ready.filter, self.ready.model, own, tuple(noises)
             )
+        return self._family
+
+    def _natively(self, theta: np.ndarray, T: int) -> np.ndarray:
+        ready, asked_for = self.ready, len(theta)
+        family = self.family()
         # One variant alone would be compiled by itself.
         theta = np.concatenate([theta, theta[-1:]]) if asked_for < 2 else theta
         V = len(theta)
@@ -109,7 +118,7 @@ class Likelihood:
         z = {s: v if v.ndim == 2 else np.tile(v, (V, 1, 1)) for s, v in z.items()}
         dt = ready.dt[..., :T]
         asked = ready._replace(
-            model=self._family, mean=mean, cov=cov, z=z, dt=dt if dt.ndim == 1 else np.tile(dt, (V, 1)),
+            model=family, mean=mean, cov=cov, z=z, dt=dt if dt.ndim == 1 else np.tile(dt, (V, 1)),
             u=u.reshape(V * self.tracks, T, -1), inputs=None, batch=V * self.tracks,
         )  # fmt: skip
         total, parts = native_engine.filtered(_KEPT, asked)

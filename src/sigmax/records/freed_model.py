@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from sigmax.algebra.factor import Diagonal
 from sigmax.fitting import Build
+from sigmax.fitting.factors import with_factor
 from sigmax.models import Gaussian, Model
-from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of, arrays_of, takes
-from sigmax.models.switching import SwitchingModel
+from sigmax.models.noise import arrays_of
 from sigmax.records.description import Description, read_toml
 from sigmax.records.freed import Number, Place
 from sigmax.records.landmarks import with_landmark_inputs
@@ -48,7 +47,7 @@ def build_of(
         model, prior = told(model)
         for n in numbers:
             if n.kind == "factor":
-                model = _with_factor(model, n.at, parameters[n.name])
+                model = with_factor(model, n.at, parameters[n.name])
             elif n.kind == "value":
                 model, prior = _with_value(model, prior, str(n.at[0]), parameters[n.name])
             elif n.kind == "place" and n.at[0] == "prior":
@@ -69,44 +68,6 @@ def _put(within: Any, at: Place, value: Any) -> Any:
         index, rest = (key, rest) if isinstance(key, int) else (0, [key, *rest])
         return [_put(v, tuple(rest), value) if i == index else v for i, v in enumerate(within)]
     return {**within, key: _put(within[key], tuple(rest), value)}
-
-
-def _with_factor(model: Model, at: Place, factor: Any) -> Model:
-    """Q or R times a factor, all of it or that of a component, whose correlations stay."""
-    if isinstance(model, SwitchingModel):
-        return model.with_models([_with_factor(m, at, factor) for m in model.models])
-    if at[0] == "Q":
-        return model.with_parts(Q=_scaled(model.Q, OF_MOTION, factor, model.deviations, at[1:]))
-    some = model.sensors if len(at) == 1 else (at[1],)
-    changed = {
-        s: _scaled(model.R[s], OF_SENSOR, factor, model.measured_deviations(s) or (), at[2:]) for s in map(str, some)
-    }
-    return model.with_parts(R={**model.R, **changed})
-
-
-def _scaled(noise: Any, allowed: tuple[int, ...], factor: Any, names: Sequence[str], only: Place) -> Any:
-    where = np.array([not only or name in only for name in names])
-
-    def times(value: Any) -> Any:
-        array = arrays_of((value, factor))
-        if not only:
-            return array.asarray(value) * factor
-        root = array.where(where, array.sqrt(factor), 1.0)
-        value = array.asarray(value)
-        return value * root * root if value.ndim == 1 else value * root[:, None] * root[None, :]
-
-    if isinstance(noise, Diagonal):
-        return Diagonal(times(noise.entries))
-    if not callable(noise):
-        return times(noise)
-    count = takes(noise, "the noise", allowed)
-    if allowed == OF_SENSOR:
-        return (lambda x, u: times(noise(x, u))) if count == 2 else (lambda x: times(noise(x)))
-    if count == 1:
-        return lambda dt: times(noise(dt))
-    if count == 2:
-        return lambda x, dt: times(noise(x, dt))
-    return lambda x, dt, u: times(noise(*arguments_of(noise, "Q", OF_MOTION, x, dt, (u,))))
 
 
 def _with_value(model: Model, prior: Gaussian, name: str, value: Any) -> tuple[Model, Gaussian]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter
-from sigmax.fitting import Fit, fit
+from sigmax.fitting import Fit, em, fit
 from sigmax.models import Gaussian, Model
 from sigmax.records.freed import Number, asked, find
 from sigmax.records.freed_filter import filter_made
@@ -42,6 +42,7 @@ def refit(
     *,
     filter: str | None = None,
     hold_out: float = 0.0,
+    by_em: bool = False,
     progress: Callable[[str], Any] | None = None,
 ) -> Refit:
     """Fit numbers of one or several records, which share them.
@@ -51,6 +52,7 @@ def refit(
         free: numbers by name, such as "Q", "R.radar", "range_scale", "motion.tau=1..30": see the docs, `docs/fit.md`.
         filter: whose likelihood, as for `sigmax track`; else the first of the first record.
         hold_out: as of `sigmax.fit`.
+        by_em: whether the factors of Q and R start where `sigmax.fitting.em` of the first record ends.
         progress: as of `sigmax.fit`.
 
     Raises:
@@ -85,9 +87,38 @@ def refit(
         bounds={n.name: n.bounds for n in numbers if n.bounds is not None},
         more=[given for _, given, _ in told[1:]],
         hold_out=hold_out,
+        begin=_starts(records[0], chosen, numbers, progress) if by_em else None,
         progress=progress,
     )
     return Refit(found, tuple(numbers), tuple(records), tuple(paths), trial)
+
+
+def _starts(
+    record: Record, trial: Trial, numbers: Sequence[Number], progress: Callable[[str], Any] | None
+) -> dict[str, float]:
+    """Where numbers start, factors of noises by expectation–maximisation."""
+    factors = [n for n in numbers if n.kind == "factor"]
+    for n in factors:
+        if n.at[0] == "Q" and len(n.at) > 1:
+            raise InputError(f"--em gives one factor of Q, not {n.name}: free Q")
+    if not factors:
+        raise InputError("--em starts factors of noises: free Q or R, or leave it out")
+    if progress is not None:
+        progress("expectation and maximisation")
+    filter, model, prior = record.told(trial)
+    found = em(
+        filter, model, prior, record.z, dt=record.dt, inputs=record.inputs, update_first=record.update_first, steps=20
+    )
+    starts = {n.name: n.start for n in numbers}
+    for n in factors:
+        if n.at[0] == "Q":
+            starts[n.name] = found.Q
+            continue
+        some = {s: v for s, v in found.R.items() if len(n.at) == 1 or s == n.at[1]}
+        names = {s: model.measured_deviations(s) or () for s in some}
+        kept = [v[j] for s, v in some.items() for j, c in enumerate(names[s]) if len(n.at) < 3 or c == n.at[2]]
+        starts[n.name] = float(np.exp(np.mean(np.log(kept))))
+    return starts
 
 
 def record_filter(record: Record, trial: Trial) -> Filter:
