@@ -68,6 +68,7 @@ def dialect(kept: Sequence[Node], vectors: Mapping[str, str], alone: int) -> Dia
         stored="v_number({})",
         loaded="v_truth({})",
         told="v_number({})",
+        somewhere=("v_any(v_unequal({}, K(0)))", "v_any(v_equal({}, K(0)))"),
         arrange=lambda work: _calls_side_by_side(work, vectors),
         together=lambda work: _side_by_side(work, vectors, max(alone, 1)),
         pack=lambda name, nodes, arguments: _packed(name, vectors, nodes, arguments, alone),

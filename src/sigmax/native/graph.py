@@ -56,6 +56,7 @@ class Graph:
         exact: integers up to this size are held exactly by numbers of this type.
         uncertain: by index, integers that may have overflowed, and what is right where they have; None if nothing is.
         intervals: between which numbers the nodes lie, as far as it was asked: see `interval`.
+        choices: by index, truth values by which whole functions are chosen: see `choices`.
         label: what new nodes belong to.
 
     Args:
@@ -69,6 +70,7 @@ class Graph:
         self.intervals: list[tuple[float, float]] = []
         self.nodes: list[Node] = []
         self.tables: list[np.ndarray] = []
+        self.choices: set[int] = set()
         self.label = ""
         self._made: dict[Any, Node] = {}
         self._denominators: set[int] = set()

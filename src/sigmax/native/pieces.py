@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
+from sigmax.native.choices import Sides, segments
 from sigmax.native.graph import Graph
 from sigmax.native.node import Node
 
@@ -55,6 +56,7 @@ class Dialect(NamedTuple):
         stored: a truth value as a number to be kept, "{}" being the value.
         loaded: the same back.
         told: a truth value as the number 0 or 1.
+        somewhere: whether a truth value that was kept is true for any lane, and whether it is false for any.
         comment: what is written where the label of the nodes changes, and beside an output.
         arrange: the nodes in the order in which they are computed.
         together: nodes that follow each other -> those of them that one call computes.
@@ -73,6 +75,7 @@ class Dialect(NamedTuple):
     stored: str
     loaded: str
     told: str
+    somewhere: tuple[str, str]
     comment: Callable[[str], str] = lambda text: ""
     arrange: Callable[[Sequence[Node]], Sequence[Node]] = lambda work: work
     together: Callable[[Sequence[Node]], Iterable[Sequence[Node]]] = lambda work: zip(work)
@@ -105,6 +108,7 @@ class _Cut(NamedTuple):
         last: the last piece that reads it.
         slots: where in the workspace a node lies that outlives its piece.
         size: of the workspace.
+        sides: the sides of choices that a piece is needed for.
     """
 
     pieces: list[Sequence[Node]]
@@ -112,18 +116,23 @@ class _Cut(NamedTuple):
     last: dict[int, int]
     slots: dict[int, int]
     size: int
+    sides: list[Sides]
 
 
-def _cut(work: Sequence[Node]) -> _Cut:
-    count = max(1, round(len(work) / _LONGEST))
-    bounds = [round(i * len(work) / count) for i in range(count + 1)]
-    pieces = [work[a:b] for a, b in pairwise(bounds)]
+def _cut(work: Iterable[tuple[Sides, Sequence[Node]]]) -> _Cut:
+    pieces: list[Sequence[Node]] = []
+    sides: list[Sides] = []
+    for own, nodes in work:
+        count = max(1, round(len(nodes) / _LONGEST))
+        bounds = [round(i * len(nodes) / count) for i in range(count + 1)]
+        pieces += [nodes[a:b] for a, b in pairwise(bounds)]
+        sides += [own] * count
     of = {n.index: k for k, piece in enumerate(pieces) for n in piece}
     last = dict(of)
-    for n in work:
-        for a in n.inputs:
+    for k, piece in enumerate(pieces):
+        for a in (*(a for n in piece for a in n.inputs), *(side.of for side in sides[k])):
             if a.index in of:
-                last[a.index] = max(last[a.index], of[n.index])
+                last[a.index] = max(last[a.index], k)
     free: list[int] = []
     slots: dict[int, int] = {}
     ending: list[list[int]] = [[] for _ in pieces]
@@ -137,14 +146,15 @@ def _cut(work: Sequence[Node]) -> _Cut:
                     size += 1
                 slots[n.index] = free.pop()
                 ending[last[n.index]].append(slots[n.index])
-    return _Cut(pieces, of, last, slots, size)
+    return _Cut(pieces, of, last, slots, size, sides)
 
 
 def function(program: Program, name: str, dialect: Dialect) -> list[str]:
     """A program as the function `name(…, inputs…, outputs…)` with its pieces before it."""
     order = needed(program.results, lambda n: dialect.fixed(n) is not None)
-    work = dialect.arrange([n for n in order if n.operation not in ("input", "constant")])
-    cut = _cut(work)
+    work = [n for n in order if n.operation not in ("input", "constant")]
+    parts = segments(work, program.results, program.graph.choices)
+    cut = _cut((sides, dialect.arrange(nodes)) for sides, nodes in parts)
     declared, passed = dialect.before
     groups = [*program.inputs, *program.outputs]
     number = dialect.number
@@ -160,7 +170,10 @@ def function(program: Program, name: str, dialect: Dialect) -> list[str]:
         lines.append(f"{dialect.linkage} void {name}_{k}({arguments}, {number} *w) {{")
         lines += [*_piece(program, cut, k, dialect, [*groups, "w"]), "}"]
     lines += [f"{dialect.entry}void {name}({arguments}) {{", f"    {number} w[{max(cut.size, 1)}];"]
-    return [*lines, *(f"    {name}_{k}({handed}, w);" for k in range(len(cut.pieces))), "}"]
+    for k, sides in enumerate(cut.sides):
+        asked = " && ".join(dialect.somewhere[not s.taken].format(f"w[{cut.slots[s.of.index]}]") for s in sides)
+        lines.append(f"    {f'if ({asked}) ' if asked else ''}{name}_{k}({handed}, w);")
+    return [*lines, "}"]
 
 
 def _piece(program: Program, cut: _Cut, k: int, dialect: Dialect, arguments: Sequence[str]) -> list[str]:

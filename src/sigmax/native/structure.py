@@ -141,7 +141,7 @@ def algebra_written_out(equation: Any) -> ClosedJaxpr:
 
 @rule("cond", parameters="branches", calls=True)
 def _cond(g: Graph, equation: Any, which: Array, *arrays: Array) -> list[Array]:
-    """All branches are computed; the lanes of a batch need not take the same one."""
+    """A choice between all branches, for the lanes of a batch need not take the same one."""
     branches = equation.params["branches"]
     if which.dtype != object:
         return evaluate_closed(g, branches[min(max(int(which), 0), len(branches) - 1)], arrays)
@@ -150,6 +150,8 @@ def _cond(g: Graph, equation: Any, which: Array, *arrays: Array) -> list[Array]:
     result = made[-1]
     for number in range(len(branches) - 2, -1, -1):
         first = g.apply("not", place) if place.truth else g.apply("<=", place, g.constant(float(number)))
+        # A choice by what is not so is made by what is.
+        g.choices.add((first.arguments[0] if first.operation == "not" else first).index)
         result = [
             np.frompyfunc(lambda a, b, p=first: g.apply("select", p, a, b), 2, 1)(a, b)
             for a, b in zip(made[number], result, strict=True)

@@ -1,10 +1,11 @@
 """Half-steps of a bank of filters: split where the sensor bends, correct, merge. See `sigmax.bank`.
 
-Every member is there in every step, those that nobody needs with the weight 0: a step is one straight line.
+Every member is there in every step, those that nobody needs with the weight 0; these are not computed.
 """
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -15,8 +16,18 @@ from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.running import step
 from sigmax.running.merging import LIGHT, merged
-from sigmax.running.mixture import NEVER, MixtureBelief, chosen, innovation, least, picked, settled, weighed
-from sigmax.running.splitting import split
+from sigmax.running.mixture import (
+    NEVER,
+    MixtureBelief,
+    innovation,
+    least,
+    of_all,
+    picked,
+    settled,
+    weighed,
+    where_any,
+)
+from sigmax.running.splitting import Slot, bent, split, too_bent
 from sigmax.running.step import Belief, Fault, Innovation
 from sigmax.spaces import moments
 
@@ -42,31 +53,60 @@ class BankSteps:
 
     def predict(self, belief: MixtureBelief, dt: Any, u: Any) -> tuple[MixtureBelief, Any]:
         """The belief dt later, and the fault (...) of each member of the batch."""
-        moved, faults = zip(
-            *(step.predict(self.bank.member, self.model, self.root, b, dt, u) for b in belief.members), strict=True
-        )
+
+        def moved(b: Belief) -> tuple[Belief, Any]:
+            return step.predict(self.bank.member, self.model, self.root, b, dt, u)
+
+        first, fault = moved(belief.members[0])
+        rest = [
+            where_any(w > NEVER / 2, partial(moved, b), (b, fault))
+            for b, w in zip(belief.members[1:], belief.log_weight[1:], strict=True)
+        ]
+        members, faults = zip((first, fault), *rest, strict=True)
         log_weight = [jnp.where(f <= 0, w, NEVER) for w, f in zip(belief.log_weight, faults, strict=True)]
-        return settled(self._moments, belief, moved, log_weight, _heeded(faults, belief.log_weight))
+        return settled(self._moments, belief, members, log_weight, _heeded(faults, belief.log_weight))
 
     def correct(
         self, sensor: str, R: Any, belief: MixtureBelief, z: Any, u: Any
     ) -> tuple[MixtureBelief, Innovation, Any]:
         """The belief after a measurement z (m, ...); the innovation is that of the mixture of predictions."""
         R = self.model.R[sensor] if R is None else R
-        slots = split(self.bank, self.model, sensor, R, belief, z, u)
+        slots = bent(self.model, sensor, R, belief, z, u)
+
+        def taken(slots: list[Slot]) -> tuple[list[Belief], list[Any], Innovation, Any]:
+            return self._taken(sensor, R, slots, z, u)
+
+        members, log_weight, said, fault = where_any(
+            too_bent(self.bank, slots), lambda: taken(split(self.bank, self.model.space, slots)), taken(slots)
+        )
+        heard = ~jnp.isnan(said.residual).all(0)
+        lost = Fault.CORRECTION_INDEFINITE
+        new, fault = settled(self._moments, belief, members, log_weight, [fault], lost, heard)
+        return new, said, fault
+
+    def _taken(
+        self, sensor: str, R: Any, slots: Sequence[Slot], z: Any, u: Any
+    ) -> tuple[list[Belief], list[Any], Innovation, Any]:
+        """Members after a measurement, as many as are kept, their weights, what it said, and the fault."""
+
+        def corrected(b: Belief) -> tuple[Belief, Innovation, Any]:
+            return step.correct(self.bank.member, self.model, sensor, R, b, z, u)
+
         before = [slot.log_weight for slot in slots]
-        done = [step.correct(self.bank.member, self.model, sensor, R, s.belief, z, u) for s in slots]
+        first, *rest = [slot.belief for slot in slots]
+        done = [corrected(first)]
+        for b, w in zip(rest, before[1:], strict=True):
+            done.append(where_any(w > NEVER / 2, partial(corrected, b), (b, *done[0][1:])))
         said = innovation(self.model.measured_space(sensor, z.shape[0]), before, done)
         after, _, faults = zip(*done, strict=True)
         members, log_weight = merged(self.model.space, after, weighed(before, done), self.bank.kept)
-        new, fault = settled(
-            self._moments, belief, members, log_weight, _heeded(faults, before), Fault.CORRECTION_INDEFINITE
-        )
-        # To the last bit as it was where nothing was heard.
-        return chosen(~jnp.isnan(said.residual).all(0), new, belief), said, fault
+        return members, log_weight, said, of_all(_heeded(faults, before))
 
     def _moments(self, members: Sequence[Belief], shares: Any) -> Belief:
-        return Belief(*moments(self.model.space, [b.mean for b in members], [b.factor for b in members], shares))
+        def several() -> Belief:
+            return Belief(*moments(self.model.space, [b.mean for b in members], [b.factor for b in members], shares))
+
+        return where_any((shares[1:] > 0).any(0), several, members[0])
 
 
 def _heeded(faults: Sequence[Any], log_weight: Sequence[Any]) -> list[Any]:

@@ -3,18 +3,21 @@
 import functools
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
 from sigmax.algebra.arrays import diagonal, total
 from sigmax.algebra.factor import reciprocal, square
-from sigmax.running.mixture import chosen, least, log, normalised, picked
+from sigmax.running.mixture import chosen, least, log, normalised, picked, where_any
 from sigmax.running.step import Belief
 from sigmax.spaces import Space, moments
 
 # A member of less than this probability is of no account.
 LIGHT = 1e-12
+# What merges without need may lose, as a divergence in nats, shared out to those that are kept.
+_LITTLE = 0.03
 # A pivot below this part of the widest deviation counts as 0.
 _LEAST_PIVOT = 1e-6
 
@@ -36,21 +39,60 @@ class _Weighed(NamedTuple):
 def merged(
     space: Space, members: Sequence[Belief], log_weight: Sequence[Any], kept: int
 ) -> tuple[list[Belief], list[Any]]:
-    """As many members as are kept: the lightest joins that with which it loses least, again and again."""
+    """As many members as are kept: the lightest joins that with which it loses least, again and again.
+
+    Where next to nothing is lost it does so further on, and the last of what is kept have the weight 0.
+    """
     shares, _ = normalised(log_weight)
     # Deviations in units of the widest member, so that a pivot that counts as 0 does so in any units of the user's.
     widest = functools.reduce(jnp.maximum, (jnp.abs(b.factor).sum(1) for b in members))
     units = jnp.where(widest > 0, widest, 1)
-    slots = [_Weighed.of(b, w, units) for b, w in zip(members, shares, strict=True)]
+    slots = []
+    for b, w in zip(members, shares, strict=True):
+        nobody = _Weighed(b, w, jnp.zeros_like(b.factor), jnp.zeros_like(w))
+        slots.append(where_any(w > 0, partial(_Weighed.of, b, w, units), nobody))
     while len(slots) > kept:
-        which = least([s.weight for s in slots])
-        lightest: _Weighed = picked(which, slots)
-        # The last one takes its place.
-        slots = [chosen(w, slots[-1], s) for w, s in zip(which, slots[:-1], strict=False)]
-        which = least([_loss(space, lightest, s, units) for s in slots])
-        joined = _joined(space, lightest, picked(which, slots), units)
-        slots = [chosen(w, joined, s) for w, s in zip(which, slots, strict=True)]
+        # Where the last one is of no weight it goes as it is.
+        slots = where_any(slots[-1].weight > 0, partial(_fewer, space, slots, units), slots[:-1])
+    for count in range(kept, 1, -1):
+        some, gone = slots[:count], slots[count:]
+        left = some[-1].weight > 0
+        left = left & (gone[0].weight == 0) if gone else left
+        slots = where_any(left, partial(_alike_joined, space, some, units, _LITTLE / kept), some) + gone
     return [s.belief for s in slots], [log(s.weight) for s in slots]
+
+
+def _fewer(space: Space, slots: Sequence[_Weighed], units: Any) -> list[_Weighed]:
+    """One less: the lightest joins that with which it loses least."""
+    lightest, which, rest, _ = _lightest(space, slots, units)
+    return _joint(space, units, lightest, which, rest)
+
+
+def _alike_joined(space: Space, slots: Sequence[_Weighed], units: Any, most: float) -> list[_Weighed]:
+    """As many, the last of the weight 0 where the lightest has joined another and less than `most` was lost."""
+    lightest, which, rest, loss = _lightest(space, slots, units)
+
+    def joined() -> list[_Weighed]:
+        return [*_joint(space, units, lightest, which, rest), slots[-1]._replace(weight=jnp.zeros_like(loss))]
+
+    return where_any(loss < most, joined, list(slots))
+
+
+def _lightest(space: Space, slots: Sequence[_Weighed], units: Any) -> tuple[_Weighed, list[Any], list[_Weighed], Any]:
+    """The lightest, which of the others it is to join, these with the last in its place, and what is lost."""
+    which = least([s.weight for s in slots])
+    lightest: _Weighed = picked(which, slots)
+    rest = [chosen(w, slots[-1], s) for w, s in zip(which, slots[:-1], strict=False)]
+    losses = [_loss(space, lightest, s, units) for s in rest]
+    nearest = least(losses)
+    return lightest, nearest, rest, picked(nearest, losses)
+
+
+def _joint(
+    space: Space, units: Any, lightest: _Weighed, which: Sequence[Any], rest: Sequence[_Weighed]
+) -> list[_Weighed]:
+    both = _joined(space, lightest, picked(which, rest), units)
+    return [chosen(w, both, s) for w, s in zip(which, rest, strict=True)]
 
 
 def _joined(space: Space, one: _Weighed, other: _Weighed, units: Any) -> _Weighed:

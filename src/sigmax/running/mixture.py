@@ -1,10 +1,12 @@
 """Several beliefs at once with the logarithms of their probabilities: what modes and the members of a bank share."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from sigmax.algebra.factor import pivoted, solve_lower
 from sigmax.running.step import Belief, Fault, Innovation
@@ -54,6 +56,11 @@ def chosen(which: Any, new: Any, old: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(which, a, b), new, old)
 
 
+def where_any(which: Any, new: Callable[[], Any], old: Any) -> Any:
+    """What a function makes where that is so, or as it was before; where it is so nowhere nothing is computed."""
+    return jax.lax.cond(jnp.any(which), lambda: chosen(which, new(), old), lambda: old)
+
+
 def weighed(log_weight: Sequence[Any], done: Sequence[Corrected]) -> list[Any]:
     """The logarithms of weights times the likelihood of a measurement; a member that failed has none."""
     return [
@@ -95,31 +102,43 @@ def settled(
     log_weight: Sequence[Any],
     faults: Sequence[Any],
     lost: Fault = Fault.PREDICTION_INDEFINITE,
+    heard: Any = True,
 ) -> tuple[MixtureBelief, Any]:
     """The belief of members that were moved on, with the moments of their mixture; the old one where all failed.
 
-    `faults` need not be one a member; `lost` is the fault where the moments are not finite.
+    `faults` need not be one a member; `lost` is the fault where the moments are not finite. Where nothing
+    was `heard` it stays as it was to the last bit.
     """
-    failed = jnp.stack([fault > 0 for fault in faults])
     shares, total = normalised(log_weight)
     mean, factor = mixed(members, shares)
     finite = jnp.isfinite(mean.sum(0)) & jnp.isfinite(factor.sum((0, 1)))
     log_weight = [jnp.maximum(w - total, NEVER) for w in log_weight]
     new = MixtureBelief(mean, factor, tuple(members), jnp.stack(log_weight))
+    fault = of_all(faults)
+    fault = jnp.where((fault <= 0) & ~finite, jnp.int8(lost), fault)
+    return chosen((fault <= 0) & heard, new, old), fault
+
+
+def of_all(faults: Sequence[Any]) -> Any:
+    """The fault (...) of several members: that of the first where all failed, else the first of less weight."""
+    failed = jnp.stack([fault > 0 for fault in faults])
     fault = jnp.zeros_like(faults[0])
     for one in faults:
         fault = jnp.where((one < 0) & (fault == 0), one, fault)
     fault = jnp.where(failed.any(0), jnp.int8(Fault.MEMBER_FAILED), fault)
-    fault = jnp.where(failed.all(0), faults[0], fault)
-    fault = jnp.where((fault <= 0) & ~finite, jnp.int8(lost), fault)
-    return chosen(fault <= 0, new, old), fault
+    return jnp.where(failed.all(0), faults[0], fault)
 
 
 def least(values: Sequence[Any]) -> list[Any]:
-    """Which of some values (...) is the least, the first of equals: a truth value for each."""
+    """Which of some values (...) is the least, the first of equals: a truth value for each.
+
+    What is equal but for rounding is equal, so that another order of operations makes the same choice.
+    """
+    eps = float(np.finfo(values[0].dtype).eps)
     least, at = values[0], jnp.zeros(values[0].shape, int)
     for k, value in enumerate(values[1:], 1):
-        at, least = jnp.where(value < least, k, at), jnp.minimum(value, least)
+        less = value < least - (math.sqrt(eps) * jnp.abs(least) + eps)
+        least, at = jnp.where(less, value, least), jnp.where(less, k, at)
     return [at == k for k in range(len(values))]
 
 
