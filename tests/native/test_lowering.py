@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from sigmax.native import Graph, Program, Refused, evaluate
 from sigmax.native.driver import Rows, driver, over_cores, pointer, series, steps
+from sigmax.native.emit import lanes_source
 
 jax.config.update("jax_enable_x64", True)
 ROWS = 21  # not a multiple of any number of lanes
@@ -234,6 +235,28 @@ def test_lanes_do_not_depend_on_their_neighbours():
     many = rows(3)
     together = call(many)
     assert np.array_equal(together, np.concatenate([call(many[i : i + 1]) for i in range(ROWS)]))
+
+
+@pytest.mark.parametrize("above", [-1e9, 0.0, 1e9])
+def test_sides_of_choices_that_nobody_takes_are_left_out_and_change_nothing(above):
+    def longer(x):
+        for k in range(30):
+            x = jnp.sqrt(x * x + k)
+        return x
+
+    def function(x):
+        first = jax.lax.cond(x[0] > above, lambda: longer(x), lambda: x)
+        second = jax.lax.cond(x[1] > above, lambda: longer(first) + longer(2 * x), lambda: longer(3 * first))
+        return jax.lax.cond(
+            (x[0] > above) & (x[2] > 0),
+            lambda: jax.lax.cond(x[3] > 0, lambda: longer(second + 1), lambda: longer(second + 2)),
+            lambda: second,
+        )
+
+    agree(function, rows(5))
+    source = lanes_source(lowered(function, 4), {})
+    assert source.count("if (v_any(") >= 5
+    assert source.count("&&") >= 2
 
 
 def test_the_driver_is_laid_out_as_its_c(tmp_path):

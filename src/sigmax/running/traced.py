@@ -14,6 +14,8 @@ from sigmax.native.node import Node
 
 # About so many scalar operations are compiled in less time, and run in less, as a straight line than as loops.
 LONGEST = 25_000
+# And so many where most of them stand on sides of choices, which loops do not leave out.
+_LONGEST_CHOSEN = 160_000
 
 
 class Traced(NamedTuple):
@@ -60,7 +62,9 @@ class Traced(NamedTuple):
             Refused: for what cannot be lowered.
         """
         try:
-            if operations(self.function) > longest:
+            every = operations(self.function)
+            chosen = longest < every < _LONGEST_CHOSEN and operations(self.function, choices=False) < every / 2
+            if every > longest and not chosen:
                 return self.loops()
         except Refused:
             # Where a straight line cannot be had either, it says why.

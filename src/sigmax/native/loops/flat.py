@@ -111,12 +111,15 @@ def _unrolled(equation: Any) -> ClosedJaxpr:
     return jax.make_jaxpr(passes)(*(jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars))
 
 
-def operations(closed: ClosedJaxpr) -> int:
-    """About how many scalar operations a function takes, zeros and all, but for what is known."""
-    return _counted(closed.jaxpr, set(closed.jaxpr.constvars))
+def operations(closed: ClosedJaxpr, choices: bool = True) -> int:
+    """About how many scalar operations a function takes, zeros and all, but for what is known.
+
+    Those on sides of choices are counted or not.
+    """
+    return _counted(closed.jaxpr, set(closed.jaxpr.constvars), choices)
 
 
-def _counted(jaxpr: Jaxpr, known: set[Any]) -> int:
+def _counted(jaxpr: Jaxpr, known: set[Any], choices: bool) -> int:
     total = 0
     for equation in jaxpr.eqns:
         sure = [isinstance(v, Literal) or v in known for v in equation.invars]
@@ -124,21 +127,21 @@ def _counted(jaxpr: Jaxpr, known: set[Any]) -> int:
         if all(sure):
             known.update(equation.outvars)
         elif name in CALLS:
-            total += _inside(body_of(equation), sure)
+            total += _inside(body_of(equation), sure, choices)
         elif name == "scan":
-            total += p["length"] * _inside(p["jaxpr"], [s and i < p["num_consts"] for i, s in enumerate(sure)])
+            total += p["length"] * _inside(p["jaxpr"], [s and i < p["num_consts"] for i, s in enumerate(sure)], choices)
         elif name == "cond":
-            total += sum(_inside(branch, sure[1:]) for branch in p["branches"])
+            total += sum(_inside(branch, sure[1:], choices) for branch in p["branches"] if choices)
         elif name == "while":
-            total += _inside(p["body_jaxpr"], [False] * len(p["body_jaxpr"].jaxpr.invars))
+            total += _inside(p["body_jaxpr"], [False] * len(p["body_jaxpr"].jaxpr.invars), choices)
         else:
             total += _operations(equation)
     return total
 
 
-def _inside(body: ClosedJaxpr, sure: Sequence[bool]) -> int:
+def _inside(body: ClosedJaxpr, sure: Sequence[bool], choices: bool) -> int:
     known = {v for v, s in zip(body.jaxpr.invars, sure, strict=False) if s}
-    return _counted(body.jaxpr, {*body.jaxpr.constvars, *known})
+    return _counted(body.jaxpr, {*body.jaxpr.constvars, *known}, choices)
 
 
 def _operations(equation: Any) -> int:
