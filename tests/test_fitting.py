@@ -363,3 +363,24 @@ def test_em_of_a_bent_model_comes_near_the_maximum():
     assert found.log_likelihood[-1] > found.log_likelihood[0]
     # The third is a speed, which Q hides.
     assert np.abs(np.log(found.R[""][:2])).max() < 0.3
+
+
+def in_turns(p):
+    """A target that drives straight or turns hard; its initial probabilities do not hang on the parameters."""
+    cruise = sigmax.Model(motion=TURN, sensor=lambda x: x[:2], Q=TURN.noise(p["q"]), R=jnp.stack([p["r"], p["r"]]))
+    swerve = sigmax.Model(motion=TURN, sensor=lambda x: x[:2], Q=TURN.noise(30 * p["q"]), R=jnp.stack([p["r"], p["r"]]))
+    return sigmax.imm({"cruise": cruise, "swerve": swerve}, sojourn={"cruise": 30.0, "swerve": 5.0}), sigmax.Gaussian(
+        jnp.zeros(4), jnp.eye(4)
+    )
+
+
+@pytest.mark.slow
+def test_modes_have_parameters_too():
+    z = np.random.default_rng(0).normal(size=(30, 2)).cumsum(0)
+    search, start = search_of({"q": 0.1, "r": 1.0}, ("q", "r"), {})
+    one = Likelihood(sigmax.get("EKF"), Data(in_turns, z), search, start)
+    theta = np.array([[0.1, 1.0], [0.5, 0.3]])
+    for value, t in zip(one._natively(theta, 30), theta, strict=True):
+        assert value == pytest.approx(
+            float(sigmax.run("EKF", *in_turns(search.numbers(t)), z).log_likelihood), rel=1e-9
+        )

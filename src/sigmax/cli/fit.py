@@ -68,9 +68,10 @@ def _print(console: Console, made: Refit) -> None:
         shown.add_column(head)
     for n in made.numbers:
         value, std = float(fit.parameters[n.name]), float(fit.std[n.name])
-        now = words.measured(value, std, n.unit) if np.isfinite(std) else f"{value:.6g} {n.unit}, not determined"
+        now = words.measured(value, std if np.isfinite(std) else None, n.unit)
+        now += "" if np.isfinite(std) else ", not determined"
         kind = " (factor of variances)" if n.kind == "factor" else ""
-        shown.add_row(escape(f"{n.name}{kind}"), escape(f"{n.start:.6g} {n.unit}"), escape(now))
+        shown.add_row(escape(f"{n.name}{kind}"), words.measured(n.start, None, n.unit), escape(now))
     console.print(f"[bold]{escape(listed)}[/]\nby {escape(fit.filter)}", highlight=False, soft_wrap=True)
     console.print(shown)
     headline, sentences = verdict(fit)

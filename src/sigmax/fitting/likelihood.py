@@ -20,7 +20,7 @@ from sigmax.native.fingerprint import fingerprint
 from sigmax.running import native_engine, xla_engine
 from sigmax.running.backend import attempt
 from sigmax.running.current import current
-from sigmax.running.prepare import prepare
+from sigmax.running.prepare import as_filter, prepare
 from sigmax.running.run import run
 
 # Numbers of inputs that one batch may hold, 8 bytes each.
@@ -62,9 +62,13 @@ class Likelihood:
     """
 
     def __init__(self, filter: Filter, data: Data, search: Search, start: np.ndarray) -> None:
-        self.filter, self.data, self.search = filter, data, search
+        self.data, self.search = data, search
         model, prior = built(data.build, search.numbers(start))
-        self.ready = prepare(filter, model, prior, data.z, data.dt, data.inputs, "float64", data.update_first, R=data.R)
+        # Of a model of several modes, one filter for each.
+        self.filter = as_filter(filter, model)
+        self.ready = prepare(
+            self.filter, model, prior, data.z, data.dt, data.inputs, "float64", data.update_first, R=data.R
+        )
         self.steps = int(self.ready.dt.shape[-1])
         self.tracks = self.ready.batch or 1
         self._start = start

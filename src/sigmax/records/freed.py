@@ -108,7 +108,7 @@ def _number(
     fitting = [p for p in places if tuple(map(str, p))[-len(parts) :] == parts]
     fitting = [p for p in fitting if tuple(map(str, p)) == parts] or fitting
     if not fitting:
-        known = ["Q", "R", *record.components, *NAMES, *(".".join(map(str, p)) for p in places)]
+        known = ["Q", "R", *map(str, record.components), *NAMES, *(".".join(map(str, p)) for p in places)]
         raise InputError(f"--free: {unknown('number', name, known)}")
     if len(fitting) > 1:
         listed = ", ".join(".".join(map(str, p)) for p in fitting)

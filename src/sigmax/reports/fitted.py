@@ -70,7 +70,7 @@ def verdict(fit: Fit) -> tuple[str, list[str]]:
         change = fit.held_out.after - fit.held_out.before
         better = "better" if change > 0 else "worse"
         sentences.append(
-            f"Fitted to the first steps alone, the {fit.held_out.steps:,} others are {better} predicted than before: "
+            f"Fitted to the first steps alone it predicts the last {fit.held_out.steps:,} {better} than before: "
             f"log-likelihood {change:+,.4g}."
         )
     sentences += [f"Not determined: {said}." for said in fit.undetermined]
@@ -83,8 +83,9 @@ def _numbers(made: Refit) -> str:
     rows = []
     for n in made.numbers:
         value, std = float(made.fit.parameters[n.name]), float(made.fit.std[n.name])
-        now = words.measured(value, std, n.unit) if np.isfinite(std) else f"{value:.6g} {n.unit}, not determined"
-        rows.append([escape(n.name), escape(f"{n.start:.6g} {n.unit}"), escape(now)])
+        now = words.measured(value, std if np.isfinite(std) else None, n.unit)
+        now += "" if np.isfinite(std) else ", not determined"
+        rows.append([escape(n.name), escape(words.measured(n.start, None, n.unit)), escape(now)])
     about = "Of a factor 1 is the noise as it stands; it multiplies variances."
     return section("Numbers", about, table(("number", "as it stands", "fitted, ± its standard error"), rows))
 
