@@ -4,15 +4,21 @@ import asyncio
 import contextlib
 import json
 import re
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from sigmax.errors import InputError
 from sigmax.records import load_plots
+from sigmax.records.description import LocalPart
+from sigmax.records.local import with_local
+from sigmax.records.table import Table
 from sigmax.serving import Checkpoint, Feed, Service
 from sigmax.serving.ends import End, parse_end
 from sigmax.serving.lines import Line, Splitter, quoted
+from sigmax.serving.numbers import LocalRows
 from sigmax.serving.outbox import Outbox
 from sigmax.serving.tree import dumped, loaded
 from tests.serving.feed import TOML, lines, written
@@ -328,3 +334,24 @@ def test_ends_are_on_loopback_unless_told():
     for wrong in ("", "tcp", "tcp:x", "tcp:70000", "nats:4222", "tcp:1/x", "udp:1"):
         with pytest.raises(InputError, match="--to is"):
             parse_end(wrong, "--to")
+
+
+@pytest.mark.parametrize("frame", ["plane", "utm"])
+def test_places_of_a_line_are_those_of_a_table(frame: str) -> None:
+    """With heights, speeds and courses, in a plane and on the grid of UTM."""
+    columns = {"latitude": "deg", "longitude": "deg", "height": "ft", "speed": "kn", "course": "deg"}
+    given = {name: {"column": name, "unit": unit} for name, unit in columns.items()}
+    part = LocalPart(**given, origin=["52.1 deg", "4.3 deg", "20 m"], frame=frame)
+    rows = pd.DataFrame(
+        {
+            "latitude": [52.2, 52.05],
+            "longitude": [4.1, 4.6],
+            "height": [300.0, 1e3],
+            "speed": [12.0, 3.0],
+            "course": [40.0, 275.0],
+        }
+    )
+    table = with_local(Table(Path("rows.csv"), rows, 2), part).columns
+    made = [LocalRows(part).row(row) for row in rows.to_dict("records")]
+    for name in ("local.east", "local.north", "local.up", "local.down", "local.velocity_east", "local.velocity_north"):
+        np.testing.assert_allclose([row[name] for row in made], table[name], rtol=1e-12, err_msg=name)

@@ -9,9 +9,9 @@ import numpy as np
 import orjson
 
 from sigmax.errors import InputError
-from sigmax.models.earth import local_velocity, to_local
 from sigmax.records.description import Column, LocalPart
-from sigmax.records.local import FARTHEST, POSITION, VELOCITY, distance
+from sigmax.records.frame import Frame
+from sigmax.records.local import DOWN, FARTHEST, POSITION, UP, VELOCITY, distance, origin_of
 from sigmax.records.units import ANGLE, LENGTH, NUMBER, SPEED, parse_unit, quantity, to_si
 
 _PLAIN = {int, float, type(None)}
@@ -107,20 +107,22 @@ class LocalRows:
     """
 
     def __init__(self, part: LocalPart) -> None:
-        if part.origin is None or len(part.origin) != 2:
+        if part.origin is None:
             raise InputError('local.origin = ["52.1 deg", "4.3 deg"] is needed in a feed')
-        if part.height is not None or part.frame != "plane":
-            raise InputError('local: a feed takes latitude and longitude in a plane, without height and frame = "utm"')
-        lat, lon = (quantity(v, ANGLE, "local.origin") for v in part.origin)
-        self._origin = lat, lon
+        if part.frame not in ("plane", "utm"):
+            raise InputError(f'local.frame is "plane" or "utm"; it is {part.frame!r}')
+        origin = origin_of(part, np.empty(0), np.empty(0))
+        place = origin[:2] if part.height is None else origin if len(origin) == 3 else (*origin, 0.0)
+        self._frame = Frame(place, part.frame == "utm")
         self._within = FARTHEST if part.within is None else quantity(part.within, LENGTH, "local.within")
         wanted = [(part.latitude, ANGLE, "latitude"), (part.longitude, ANGLE, "longitude")]
+        wanted += [] if part.height is None else [(part.height, LENGTH, "height")]
         if part.speed is not None and part.course is not None:
             wanted += [(part.speed, SPEED, "speed"), (part.course, ANGLE, "course")]
         self._columns = [feed_column(column, dimension, f"local.{name}") for column, dimension, name in wanted]
 
     def row(self, row: Mapping[str, Any]) -> dict[str, Any]:
-        """The row with metres east and north.
+        """The row with metres east and north, and up and down where there are heights.
 
         Raises:
             InputError: for a latitude or longitude that is none.
@@ -128,12 +130,14 @@ class LocalRows:
         values = numbers_of(row, self._columns)
         if abs(values[0]) > math.pi / 2 or abs(values[1]) > 2 * math.pi:
             raise InputError(f"{self._columns[0].name}, {self._columns[1].name}: this is no place on the earth")
-        lat, lon, *rest = (values[k : k + 1] for k in range(len(values)))
-        far = not distance(lat, lon, self._origin)[0] <= self._within
-        places = np.stack([lat, lon], axis=-1)
-        more = dict(zip(POSITION, to_local(places, self._origin)[0].tolist(), strict=True))
-        if rest:
-            speed, course = rest
-            velocity = local_velocity(speed, course, places, self._origin)[0]
+        k = len(self._frame.origin)
+        places, rest = values[None, :k], values[k:]
+        far = not distance(places[:, 0], places[:, 1], self._frame.origin[:2])[0] <= self._within
+        east, north, *up = self._frame.positions(places)[0].tolist()
+        more = dict(zip(POSITION, (east, north), strict=True))
+        if up:
+            more |= {UP: up[0], DOWN: -up[0]}
+        if len(rest):
+            velocity = self._frame.velocity(rest[:1], rest[1:], places)[0]
             more |= dict(zip(VELOCITY, velocity.tolist(), strict=True))
         return {**row, **(dict.fromkeys(more) if far else more)}
