@@ -4,11 +4,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
+import jax.numpy as jnp
 import numpy as np
 
 from sigmax.examination.begin import begun
 from sigmax.examination.envelope import Envelope, component_names, input_names
 from sigmax.examination.variants import RecordData
+from sigmax.models.model import Model
 
 # What a reading costs that moves the prior, too.
 _WITH_START = 5.0
@@ -31,6 +33,7 @@ FACTORS = {
     1e-3: "in thousandths of the model's unit (m for km, mm for m)",
     **{c: f"in {a} where the model has {b}" for c, (_, a, b) in UNITS.items() if "radians" not in (a, b)},
 }
+_OF_LENGTH, _OF_SPEED = ("feet", "metres", "nautical miles"), ("knots", "m/s", "km/h")
 
 
 @dataclass(frozen=True)
@@ -111,16 +114,41 @@ def _of_measurements(family: Envelope, record: RecordData) -> Iterator[Alternati
 
 def _of_sensor(family: Envelope, record: RecordData, s: str, m: int) -> Iterator[Alternative]:
     names, angular = component_names(family.model, s, m), family.model.measured_angular(s, m)
+    dimensions = measured_in(family.plain, record, s)
     for j, name in enumerate(names):
         count = int(np.isfinite(record.z[s][:, j]).sum())
         if angular[j]:
             yield from _of_angle(s, j, name, count)
         else:
-            for c, said in FACTORS.items():
+            for c, said in _factors(dimensions[j]):
                 yield _multiplied("units", s, j, name, c, said, f"{c:.4g}", count)
         yield Alternative("sign", name, f"{name} has the wrong sign", f"take −{name}", _affine(s, j, -1.0, 0.0))
     for i, j in combinations(range(m), 2):
         yield _exchanged(names[i], names[j], _swapped(s, i, j))
+
+
+def measured_in(model: Model, record: RecordData, sensor: str) -> list[str]:
+    """The unit of what a sensor measures: of states in m/s a speed, else of states in m a length; else unknown, ""."""
+    units = dict(model.units)
+    u = (jnp.asarray(record.u[0]),) if model.sensor_inputs[sensor] else ()
+
+    def seen(x: np.ndarray) -> np.ndarray:
+        return np.asarray(model.sensors[sensor](jnp.asarray(x), *u))
+
+    middle, spread = seen(record.mean), np.sqrt(np.diag(record.cov))
+    found = [""] * len(middle)
+    for unit in ("m", "m/s"):
+        for i, name in enumerate(model.state):
+            if units.get(str(name)) == unit:
+                moves = seen(record.mean + (spread[i] or 1.0) * (np.arange(len(spread)) == i)) != middle
+                found = [unit if moves[j] else one for j, one in enumerate(found)]
+    return found
+
+
+def _factors(dimension: str) -> list[tuple[float, str]]:
+    """The factors of a length, a speed or either, and what values are in that need them."""
+    other = {"m": _OF_SPEED, "m/s": _OF_LENGTH}.get(dimension, ())
+    return [(c, said) for c, said in FACTORS.items() if c not in UNITS or UNITS[c][1] not in other]
 
 
 def _multiplied(kind: str, s: str, j: int, name: str, c: float, said: str, by: str, count: int) -> Alternative:

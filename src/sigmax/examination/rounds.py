@@ -8,6 +8,7 @@ import numpy as np
 
 from sigmax.examination.after import correlated, evidence, needed, unobserved
 from sigmax.examination.alternatives import alternatives, with_starts
+from sigmax.examination.crude import other_linearisations, with_filter
 from sigmax.examination.manoeuvres import manoeuvres
 from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import (
@@ -28,6 +29,8 @@ _ROUNDS, _ALPHA, _TIE = 4, 0.003, 3.0
 # NIS per value of a record that is so near to its model that nothing has to begin elsewhere.
 _NEAR = 0.6
 _SHAPES = ("tails", "outliers")
+# Causes that a crude linearisation looks like.
+_AS_CRUDE = (*_SHAPES, "R", "Q", "bias", "drift", "manoeuvre")
 # Causes that another one imitates, and which tell the simpler story where they tell nearly as much.
 _SIMPLER = ("sign", "turned", "degrees", "convention", "swap", "units")
 
@@ -68,6 +71,8 @@ class Rounds:
                     break
                 best, *others = _preferred(found, self.limit)
                 before = nis_per_value(self.setup.runner([Variant(theta, whole)]), whole)
+                if best.kind == "linearisation":
+                    self.setup = with_filter(self.setup, best.where)
                 theta = theta if best.basis is None else theta + best.basis @ best.value
                 whole = whole if best.alternative is None else best.alternative.change(whole)
                 (record,), out = masked(self.setup, [Variant(theta, whole)])
@@ -108,7 +113,11 @@ class Rounds:
             if not {kind for kind, _ in ended} & set(_SHAPES):
                 found += shapes(self.setup, out, record, part)
             found += continuous(self.setup, theta, record, ended)
-        return sorted(filter(_matters, found), key=lambda c: -c.gain)
+        found = [c for c in found if _matters(c)]
+        best = max(found, key=lambda c: c.gain, default=None)
+        if not accepted and best is not None and best.gain > self.limit and best.kind in _AS_CRUDE:
+            found += other_linearisations(self.setup, theta, part, as_it_stands)
+        return sorted(found, key=lambda c: -c.gain)
 
     def _values(self) -> tuple[list[Finding], RecordData]:
         """Flaws of the values themselves, and the record without them."""

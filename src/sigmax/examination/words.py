@@ -50,6 +50,8 @@ def in_words(c: Candidate, variance: float | None) -> tuple[str, str, str]:
         )
     if c.kind in ("R", "Q"):
         return _noise(c, v, variance)
+    if c.kind == "linearisation":
+        return "the filter's linearisation is too crude for the model", "", f"use the filter {c.where}"
     if c.kind == "tails":
         return (
             f"the noise of {c.where} has long tails",
