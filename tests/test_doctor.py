@@ -299,3 +299,54 @@ def test_a_scale_is_called_as_another_reading_of_the_values_is(factor):
         assert eval(found[1]) == pytest.approx(factor, rel=1e-3)
         if found[2]:
             assert FACTORS[factor] == f"in {found[2]} where the model has {found[3]}"
+
+
+def test_a_length_is_proposed_in_no_unit_of_speed():
+    model, prior = radar()
+    none = np.zeros((5, 2))
+    family = envelope(model, (), 0, 0, (("", 2),))
+    row = none[0]
+    before = RecordData({"": none}, np.ones(5), none[:, :0], prior.mean, prior.cov, row, none > 0, row, np.ones(5))
+    said = " ".join(a.cause for a in alternatives(family, before, timed=False))
+    assert "feet" in said
+    assert "km/h" not in said
+    assert "knots" not in said
+
+
+def test_directions_that_the_record_tells_nothing_of_are_named():
+    """A sensor of one axis says nothing of the other one."""
+    flight = sigmax.motions.constant_velocity(("east", "north"))
+    model = sigmax.Model(motion=flight, Q=flight.noise(0.2), sensor=lambda x: x[:1], R=[25.0])
+    rng = np.random.default_rng(2)
+    z = np.cumsum(np.cumsum(0.4 * rng.normal(size=T)) + 5.0) + 5 * rng.normal(size=T)
+    found = sigmax.doctor(model, sigmax.Gaussian([0.0, 0.0, 5.0, 0.0], [25.0, 25.0, 1.0, 1.0]), z[:, None])
+    along = [one for one in found.undetermined if "no surer" in one]
+    assert len(along) == 2
+    assert all("north" in one and "east" not in one for one in along)
+
+
+def test_a_turn_is_a_manoeuvre_and_tells_where():
+    rng = np.random.default_rng(4)
+    v = np.array([60.0, -80.0]) + np.cumsum(0.7 * rng.normal(size=(T, 2)), 0)
+    v[120:] += [40.0, 40.0]
+    x = np.array([-20e3, 5e3]) + np.cumsum(v, 0)
+    z = np.column_stack([np.hypot(*x.T), np.arctan2(x[:, 1], x[:, 0])]) + rng.normal(size=(T, 2)) * [30.0, 0.002]
+    model, prior = radar()
+    found = sigmax.doctor(model, prior, z).findings[0]
+    assert found.kind == "manoeuvre"
+    rows = [int(row) for row in re.findall(r"\d+", found.where)]
+    assert min(abs(row - 120) for row in rows) < 8
+
+
+@pytest.mark.slow
+def test_the_rows_after_the_first_of_a_long_record_are_looked_at():
+    """A gauge whose noise grows late: the first rows, which are searched, are sound."""
+    rng = np.random.default_rng(6)
+    level = 10 + np.cumsum(rng.normal(size=14000) * 0.2)
+    noise = np.where(np.arange(14000) < 5000, 0.3, 0.9)
+    walk = sigmax.motions.random_walk(("level",))
+    model = sigmax.Model(motion=walk, Q=[0.04], sensor=sigmax.sensors.position(at=(0,), names=("level",)), R=[0.09])
+    z = (level + noise * rng.normal(size=14000))[:, None]
+    prior = sigmax.Gaussian([10.0], [1.0])
+    assert not sigmax.doctor(model, prior, z[:5000]).findings
+    assert sigmax.doctor(model, prior, z).findings[0].kind == "R"
