@@ -253,13 +253,8 @@ def _robust(of: _Of, f: Finding, said: str) -> None:
     of.document.put(("sensors", sensor, "update"), update, said)
 
 
-def _other_filter(of: _Of, f: Finding, said: str) -> None:
-    raise InputError("filters = [...] or --filter choose it")
-
-
 _EDITS: dict[str, Callable[[_Of, Finding, str], None]] = {
     "R": _noise_of_sensor, "coarse": _noise_of_sensor, "Q": _noise_of_motion, "bias": _offset, "scale": _scale,
     "drift": _drift, "units": _unit, "degrees": _unit, "time units": _unit, "swap": _swap, "delay": _delay,
     "prior": _prior, "outliers": _robust, "tails": _robust,
-    "linearisation": _other_filter,
 }  # fmt: skip
