@@ -24,6 +24,7 @@ PRIOR = sigmax.Gaussian([1.0], [1.0])
 
 
 @pytest.mark.parametrize(("r", "members", "silent"), [(0.3, 5, True), (0.03, 9, False), (0.1, 13, True)])
+@pytest.mark.one_in(3)
 def test_it_is_silent_where_the_mean_is_the_integral(r, members, silent):
     """The mean after one measurement against a sum over a grid, in deviations of the posterior."""
     assert (not list(bending(sigmax.bank("SRCKFB", members), model(r), PRIOR))) == silent

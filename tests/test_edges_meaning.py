@@ -236,6 +236,7 @@ def test_a_row_that_is_none_is_a_row_missing(row):
 
 @pytest.mark.parametrize("backend", ["native", "xla"])
 @pytest.mark.parametrize("name", ["EKF", "SRCKF", "EIF", "SREKFB"])
+@pytest.mark.one_in(2)
 def test_a_measurement_beyond_all_reason_is_a_fault(name, backend):
     """Its square has no number: neither NIS nor log-likelihood of the record say inf, and the other track goes on."""
     wild = Z.copy()

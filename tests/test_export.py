@@ -56,7 +56,6 @@ def difference(folder, *flags, compiler=("cc",), run=()):
         ("radar-offset", "TSCKF"),
     ],
 )
-@pytest.mark.one_in(2)
 def test_exported_filters_compile_strictly_and_agree(name, filter, tmp_path):
     done = exported(name, filter, tmp_path)
     assert {p.name for p in done.files} == {p.name for p in tmp_path.iterdir()}
@@ -156,7 +155,7 @@ def test_single_precision(tmp_path):
 
 @needs_cc
 @pytest.mark.parametrize("filter", ["SREKFB", "CIF"])
-@pytest.mark.one_in(2)
+@pytest.mark.slow
 def test_an_attitude_is_exported(filter, tmp_path):
     """Its mean has the numbers of a quaternion, its factor and residuals have those of deviations."""
     model = sigmax.Model(

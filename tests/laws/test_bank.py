@@ -59,6 +59,7 @@ def ranges(tracks, steps, prior=PRIOR):
 
 @pytest.mark.parametrize("backend", ENGINES)
 @pytest.mark.parametrize("name", ["KF", "SREKFB", "CKF", "SRUKF", "CIF", "SRCIF"])
+@pytest.mark.one_in(3)
 def test_where_nothing_bends_it_is_the_one_filter(name, backend):
     model = sigmax.Model(
         motion=moved, sensor=lambda x: x[:1], Q=[0.01, 0.1], R=[0.3], state=("p", "v"), measurement=("p",)
@@ -79,6 +80,7 @@ def heavy(rng, n):
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 10))])
+@pytest.mark.one_in(2)
 def test_splits_and_merges_keep_mean_and_covariance(seed):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 4))
@@ -131,9 +133,8 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize(
-    "shape", [s if s in ("square", "bearing") else pytest.param(s, marks=pytest.mark.slow) for s in SHAPES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", SHAPES)
 def test_it_comes_near_the_exact_posterior_where_one_filter_does_not(shape):
     sensor, noise = SHAPES[shape]
     of_jax = {

@@ -118,7 +118,6 @@ def test_what_is_turned_with_its_world_gives_the_same_turned(name, filter):
 
 
 @pytest.mark.parametrize("name", ["rotation", "product"])
-@pytest.mark.one_in(2)
 def test_the_other_sign_of_a_quaternion_is_the_same_attitude(name):
     space = CURVED[name]
     start, _, z = drawn(name)
@@ -149,7 +148,6 @@ ALWAYS = {("rotation", "SREKFB", "student"), ("rotation", "CIF", "by itself")}
 @pytest.mark.parametrize(
     ("name", "filter", "update"), [pytest.param(*c, marks=[pytest.mark.slow] * (c not in ALWAYS)) for c in FORMS]
 )
-@pytest.mark.one_in(2)
 def test_every_form_is_the_covariance_form_on_curved_spaces(name, filter, update):
     """The textbook's equations on XLA, every form on the native engine: both engines and all forms agree."""
     start, _, z = drawn(name)
@@ -167,7 +165,6 @@ def test_every_form_is_the_covariance_form_on_curved_spaces(name, filter, update
 
 
 @pytest.mark.parametrize("name", EACH)
-@pytest.mark.one_in(2)
 def test_live_is_the_record_and_single_precision_is_near(name):
     space = CURVED[name]
     start, _, z = drawn(name)
@@ -186,6 +183,7 @@ def test_live_is_the_record_and_single_precision_is_near(name):
     assert np.array_equal(again.mean, live.mean)
 
 
+@pytest.mark.slow
 def test_a_part_that_is_missing_in_one_number_is_missing():
     start, _, z = drawn("product")
     one, all_of_it = z.copy(), z.copy()

@@ -271,7 +271,7 @@ def test_stations_answer_what_the_central_filter_answers():
 @pytest.mark.parametrize(
     ("filter", "options"), [("SREIF", {}), ("EKF", {}), ("TSEKF", {}), ("TSCIF", {"information": "paper"})]
 )
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(4)
 def test_contributions_to_the_state_add_up(filter, options):
     """Where there is no Ω, or it is left out, a receiver need not know the sensors: (i, I) is enough."""
     names = ("sonar", "west")

@@ -47,6 +47,7 @@ def same(name, backend, **how):
 
 
 @pytest.mark.parametrize("name", ["SRCKF", "EIF"])
+@pytest.mark.one_in(2)
 def test_what_is_added_inside_is_what_is_added_outside(name):
     same(name, None)
 

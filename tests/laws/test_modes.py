@@ -149,6 +149,7 @@ def plots(tracks=2, steps=25):
     "filter", ["EKF", "SRCKFB", "UIF", *(pytest.param(f, marks=pytest.mark.slow) for f in ("SRPFB", "TSHCIF", "IEKF"))]
 )
 @pytest.mark.parametrize("backend", ENGINES)
+@pytest.mark.one_in(3)
 def test_modes_alike_are_the_one_filter(filter, backend):
     """Across the line of ±180°, smoothed too."""
     model = sigmax.imm({"a": radar(1e-3), "b": radar(1e-3)}, transition=MATRIX)
@@ -236,6 +237,7 @@ def all_histories(z, steps, change, initial, noises):
     return np.array([m for m, _ in each]), np.array([P for _, P in each]), shares
 
 
+@pytest.mark.slow
 def test_smoothed_it_is_near_the_sum_over_all_histories():
     """Nearer by far than the filter, and than smoothing all modes before from one belief."""
     rng, steps, initial = np.random.default_rng(4), 6, np.array([0.6, 0.4])
@@ -262,6 +264,7 @@ def test_smoothed_it_is_near_the_sum_over_all_histories():
 
 
 @pytest.mark.parametrize("backend", ENGINES)
+@pytest.mark.slow
 def test_smoothed_without_changes_it_is_the_mixture_of_smoothers(backend):
     model = sigmax.imm({"calm": CALM, "wild": WILD}, initial=[0.5, 0.5])
     z = walk(2, 10) / 2
@@ -359,6 +362,7 @@ def test_a_mode_that_fails_leaves_the_others(backend):
 
 
 @pytest.mark.parametrize("backend", ENGINES)
+@pytest.mark.slow
 def test_attitudes_are_mixed_where_they_live(backend):
     """Modes that turn at two speeds; the other sign of the quaternions is the same attitude."""
 

@@ -313,6 +313,7 @@ def test_a_heading_that_is_not_known_is_found_and_honestly_so():
 
 
 @pytest.mark.skipif(importlib.util.find_spec("gtsam") is None, reason="the package gtsam has the data")
+@pytest.mark.slow
 def test_a_recorded_drive_bridges_ten_seconds_without_positions():
     from sigmax import records
 

@@ -32,7 +32,7 @@ def track(result, i):
 
 
 @pytest.mark.parametrize("name", sigmax.names()[1:])
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(4)
 def test_turning_every_angle_turns_the_answer(name):
     got = turned(made(name))
     assert got.ok.all()
@@ -52,7 +52,7 @@ def by_the_book(predict, correct, update):
 
 
 @pytest.mark.parametrize("name", sigmax.names()[1:])
-@pytest.mark.one_in(3)
+@pytest.mark.one_in(6)
 def test_every_form_is_the_covariance_form(name):
     """Whatever is turned, taken in two or added as information: P = E Eᵀ + Q, K = P_xy P_yy⁻¹ and P − K P_yy Kᵀ."""
     filter = made(name)
@@ -65,7 +65,7 @@ def test_every_form_is_the_covariance_form(name):
     "name",
     ["UKF", "SRCKF", "TSCIF", "CIF", "SRHCIF", "TSCKF", "TSEKF", "SRUKFB", "TSHCIF", "MTSCKF", "MTSCIF"],
 )
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(4)
 def test_every_form_is_the_covariance_form_with_a_bias_and_two_sensors(name):
     filter = made(name)
     z = turning_record()
@@ -86,6 +86,7 @@ def test_every_form_is_the_covariance_form_with_a_bias_and_two_sensors(name):
 
 
 @pytest.mark.parametrize("name", ["EKF", "UKF", "SRUKFB", "SRHCKF", "CIF"])
+@pytest.mark.one_in(2)
 def test_the_smoother_is_that_of_rauch_tung_and_striebel_on_the_rule(name):
     """G = S Eᵀ P⁻⁻¹ and P + G (P_s − P⁻) Gᵀ in products and inverses; some of these rules have negative weights."""
     filter = made(name)

@@ -66,6 +66,7 @@ def polynomial(n, degree, seed):
         for n, order in product((1, 2, 3), (1, 2, 3, 4))
     ],
 )
+@pytest.mark.one_in(2)
 def test_the_taylor_rule_of_an_order_is_exact_for_polynomials_of_that_degree(n, order):
     """Mean, slope and covariance are the integrals over a grid of Gauss and Hermite, and not beyond that degree."""
     x, S = MEAN[:n], np.tril(np.random.default_rng(order).standard_normal((n, n)))

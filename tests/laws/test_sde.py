@@ -49,6 +49,7 @@ def check_linear(name, model, dt, backend):
 
 
 @pytest.mark.parametrize("name", EACH)
+@pytest.mark.one_in(2)
 def test_a_linear_equation_is_van_loans_exponential(name):
     check_linear(made(name), linear_model(steps=2), [0.05, 0.2], "native")
 

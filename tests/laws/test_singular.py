@@ -232,6 +232,7 @@ def slope_of_the_likelihood(name):
 @pytest.mark.parametrize(
     "name", [pytest.param(f, marks=[pytest.mark.slow] * (f not in ("SREKFB", "EIF"))) for f in ONE_OF_EACH_FORM]
 )
+@pytest.mark.one_in(2)
 def test_gradients_are_finite_at_zero_pivots_and_at_the_floors(name):
     z = np.random.default_rng(1).normal(size=(4, 2))
     for P0 in (np.ones((3, 3)), np.diag([1.0, 0, 2]), 1e12 * np.eye(3), np.eye(3)):

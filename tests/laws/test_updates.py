@@ -74,7 +74,7 @@ def quality(result, truth):
 
 @pytest.mark.parametrize("update", [sigmax.iterated(k, guarded) for k in (1, 4) for guarded in (True, False)], ids=str)
 @pytest.mark.parametrize("name", ["EKF", "SRCKFB", "CIF", "SRUKF", "SRPFB"])
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(4)
 def test_iterating_changes_nothing_where_the_sensor_is_straight(name, update):
     problem = linear(4, 2)
     z = problem.z.copy()
@@ -172,6 +172,7 @@ def turning(filter, backend=None):
         for update in ("iterated", "student", "iterated huber")
     ],
 )  # fmt: skip
+@pytest.mark.one_in(2)
 def test_every_form_is_the_covariance_form_with_every_update(name, update):
     filter = sigmax.get(name, update=UPDATES[update])
     same = replace(filter, form=textbook(False), name="textbook")
@@ -183,7 +184,7 @@ def test_every_form_is_the_covariance_form_with_every_update(name, update):
 
 @pytest.mark.parametrize("update", ["unguarded", "iterated huber"])
 @pytest.mark.parametrize("name", ["TSEKF", "TSCKF"])
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(4)
 def test_two_stages_are_the_covariance_form_with_every_update(name, update):
     filter = sigmax.get(name, update=UPDATES[update])
     z = turning_record()
@@ -199,6 +200,7 @@ def test_two_stages_are_the_covariance_form_with_every_update(name, update):
 @pytest.mark.parametrize(
     "update", [pytest.param("iterated", marks=pytest.mark.slow), "student", "gate", "iterated huber"]
 )
+@pytest.mark.one_in(2)
 def test_a_live_filter_and_a_batch_are_the_record(update):
     filter = sigmax.get("SRCKFB", update=UPDATES[update])
     _, z = drawn(RADAR, RADAR_R, 3, 5, seed=5, outliers=0.3)

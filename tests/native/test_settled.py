@@ -75,6 +75,7 @@ def same(settled, full, tolerance):
 
 @pytest.mark.parametrize("filter", ["EKF", "SRCKFB"])
 @pytest.mark.parametrize("kind", F)
+@pytest.mark.one_in(2)
 def test_settled_records_are_those_of_every_step(kind, filter):
     check(kind, filter, 4)
 

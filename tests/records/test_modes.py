@@ -71,6 +71,7 @@ def summary(folder: Path, text: str) -> dict:
     return json.loads((folder / "out/summary.json").read_text())["filters"]["SRCKFB"]
 
 
+@pytest.mark.slow
 def test_taking_turns_is_better_than_each_mode(tmp_path: Path) -> None:
     both, straight, turn = (
         summary(tmp_path / name, text)

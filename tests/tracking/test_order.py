@@ -16,6 +16,7 @@ def clutter(seed, scans=10):
 @pytest.mark.parametrize("initiate", [single_plot(40.0), two_point(40.0, 7.0)], ids=["single_plot", "two_point"])
 @pytest.mark.parametrize("associate", [nearest, gnn, pda, jpda, mht()], ids=["nearest", "gnn", "pda", "jpda", "mht"])
 @pytest.mark.parametrize("seed", range(2))
+@pytest.mark.one_in(3)
 def test_a_permutation_of_plots_changes_nothing(associate, initiate, seed):
     c = cycle(3.0, associate=associate, initiate=initiate)
     plots, rng = clutter(seed), np.random.default_rng(seed)
