@@ -56,6 +56,7 @@ def c_function(program: Program, name: str, single: bool, names: Callable[[str, 
         loaded="{} != 0",
         told="{}",
         somewhere=("{} != 0", "{} == 0"),
+        unwritten=" = {0}",
         comment=lambda text: f"\n    /* {text} */" if text else "",
     )
     tables = [

@@ -57,6 +57,7 @@ class Dialect(NamedTuple):
         loaded: the same back.
         told: a truth value as the number 0 or 1.
         somewhere: whether a truth value that was kept is true for any lane, and whether it is false for any.
+        unwritten: how kept numbers begin where a side of a choice may be passed over; compilers that are strict ask.
         comment: what is written where the label of the nodes changes, and beside an output.
         arrange: the nodes in the order in which they are computed.
         together: nodes that follow each other -> those of them that one call computes.
@@ -76,6 +77,7 @@ class Dialect(NamedTuple):
     loaded: str
     told: str
     somewhere: tuple[str, str]
+    unwritten: str = ""
     comment: Callable[[str], str] = lambda text: ""
     arrange: Callable[[Sequence[Node]], Sequence[Node]] = lambda work: work
     together: Callable[[Sequence[Node]], Iterable[Sequence[Node]]] = lambda work: zip(work)
@@ -169,7 +171,8 @@ def function(program: Program, name: str, dialect: Dialect) -> list[str]:
     for k in range(len(cut.pieces)):
         lines.append(f"{dialect.linkage} void {name}_{k}({arguments}, {number} *w) {{")
         lines += [*_piece(program, cut, k, dialect, [*groups, "w"]), "}"]
-    lines += [f"{dialect.entry}void {name}({arguments}) {{", f"    {number} w[{max(cut.size, 1)}];"]
+    unwritten = dialect.unwritten if any(cut.sides) else ""
+    lines += [f"{dialect.entry}void {name}({arguments}) {{", f"    {number} w[{max(cut.size, 1)}]{unwritten};"]
     for k, sides in enumerate(cut.sides):
         asked = " && ".join(dialect.somewhere[not s.taken].format(f"w[{cut.slots[s.of.index]}]") for s in sides)
         lines.append(f"    {f'if ({asked}) ' if asked else ''}{name}_{k}({handed}, w);")
