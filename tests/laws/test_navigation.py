@@ -267,7 +267,7 @@ def test_what_does_not_fit_is_a_message():
         (lambda: navigation.magnetometer((1.0, 2.0)), "field has three components"),
         (lambda: navigation.strapdown(latitude=50.0), "a latitude is in radians"),
         (lambda: navigation.strapdown().noise(-1e-3, 0.1), "at least 0"),
-        (lambda: navigation.strapdown().noise([1e-3, 1e-3], 0.1), "or three"),
+        (lambda: navigation.strapdown().noise([1e-3, 1e-3], 0.1), "or 3"),
         (lambda: navigation.body_velocity(()), "axes of the body are some of 0, 1 and 2"),
         (lambda: navigation.body_velocity((5,)), "axes of the body are some of 0, 1 and 2"),
         (lambda: navigation.line_of_sight(star=(0, 0, 0)), "no zero"),

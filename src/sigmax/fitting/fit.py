@@ -76,11 +76,12 @@ def fit(
     limits = {} if bounds is None else bounds
     if begin is not None and (not isinstance(begin, Mapping) or set(begin) != set(start)):
         raise InputError(f"begin must have the names of start, {', '.join(start)}; it is {begin!r}")
-    if callable(filter) and not isinstance(filter, Filter):
+    chosen: Any = filter
+    if callable(chosen) and not isinstance(chosen, Filter | type):
         return _with_filters(
-            filter, records, (start, positive, limits), start if begin is None else begin, hold_out, progress
+            chosen, records, (start, positive, limits), start if begin is None else begin, hold_out, progress
         )
-    chosen, (search, theta) = as_filter(filter), search_of(start, positive, limits)
+    chosen, (search, theta) = as_filter(chosen), search_of(start, positive, limits)
     likelihoods = Likelihoods(chosen, records, search, theta)
     first = Begin(likelihoods, theta, _at(likelihoods, chosen, theta))
     if begin is not None:

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.arguments import number_of, places_of
-from sigmax.models.checks import finite, numbers
+from sigmax.models.arguments import number_of
+from sigmax.models.checks import finite, members, numbers
 from sigmax.models.components import direction
 from sigmax.models.parts import Sensor, made_once
 from sigmax.spaces import conjugate, cross, rotate
@@ -55,8 +55,8 @@ def satellite_velocity(lever: Sequence[float] | None = None) -> Sensor:
 @made_once
 def body_velocity(axes: Sequence[int] = (0, 1, 2)) -> Sensor:
     """The velocity in axes of the body: a wheel (0,); a car that does not slide, whose measurement is 0 (1, 2)."""
-    chosen = places_of("axes", axes)
-    if not set(chosen) <= {0, 1, 2}:
+    chosen = tuple(members(axes) or ())
+    if not chosen or not all(isinstance(k, int | np.integer) and k in (0, 1, 2) for k in chosen):
         raise InputError(f"axes of the body are some of 0, 1 and 2; they are {axes!r}")
 
     def function(x: jax.Array) -> jax.Array:

@@ -100,5 +100,5 @@ def not_negative(what: str, given: Any) -> Any:
     found = numbers(what, given)
     finite(what, found)
     if not is_traced(found) and (found < 0).any():
-        raise InputError(f"{what} must not be below 0; it is {given!r}")
+        raise InputError(f"{what} must be at least 0; it is {given!r}")
     return found

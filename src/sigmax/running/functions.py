@@ -181,6 +181,9 @@ def _check_noise_at(label: str, function: Any, at: tuple[tuple[tuple[int, ...], 
     value = numbers(f"{label}(…)", jax.jit(function)(*arguments))
     if is_traced(value):
         return
+    if not np.isfinite(value).all():
+        # Called with numbers that it sees, it may say itself what is wrong.
+        value = numbers(f"{label}(…)", function(*arguments))
     if value.shape not in ((size,), (size, size)):
         raise InputError(
             f"{label}(…) must give a covariance of shape {(size, size)} or {size} variances, not {value.shape}"
