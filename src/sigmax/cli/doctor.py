@@ -10,6 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
+from sigmax.cli.descriptions import Beside
 from sigmax.cli.progress import progress_on
 from sigmax.errors import InputError, unknown
 from sigmax.examination import Examination, doctor, not_examined
@@ -19,8 +20,7 @@ from sigmax.records import Outcome, Record, load, load_plots, parse_trial
 from sigmax.records.correct import correct
 from sigmax.reports import Examined, Grade, Score, grade
 
-# The first words of a description that was corrected; only such a file is written over.
-_MARK = "# Corrected by sigmax doctor from"
+_CORRECTED = Beside("corrected", "doctor")
 
 
 def examine_record(name: str, filter: str | None, tracks: Sequence[str], as_json: bool, write: bool) -> None:
@@ -35,7 +35,7 @@ def examine_record(name: str, filter: str | None, tracks: Sequence[str], as_json
         if load_plots(name, None) is not None:
             raise no_tracks(name)
         record = load(name)
-    target = _target(name) if write else None
+    target = _CORRECTED.target(name) if write else None
     trial = record.trials[0] if filter is None else parse_trial(filter)
     judge, model, prior = record.told(trial)
     for track in tracks:
@@ -72,21 +72,6 @@ def no_tracks(name: str) -> InputError:
     return InputError(f"{name} holds plots: the doctor examines records whose measurements belong to a track")
 
 
-def _target(name: str) -> Path:
-    """Where the corrected description goes.
-
-    Raises:
-        InputError: for a record without a description, and where something else stands there.
-    """
-    path = Path(name)
-    if path.suffix.casefold() != ".toml":
-        raise InputError(f"--write corrects a description in TOML; {name} is built in and has none")
-    target = path.with_name(f"{path.stem}-corrected{path.suffix}")
-    if target.exists() and not target.read_text(encoding="utf-8", errors="replace").startswith(_MARK):
-        raise InputError(f"{target} was not written by sigmax doctor: move it away")
-    return target
-
-
 def _write(path: Path, target: Path, found: dict[str, Examination], errors: Console) -> None:
     """The description without what was found in one track, and what is to be done by hand, to standard error."""
     ill = [track for track, one in found.items() if one.findings]
@@ -96,15 +81,8 @@ def _write(path: Path, target: Path, found: dict[str, Examination], errors: Cons
     if len(ill) > 1:
         raise InputError(f"--write: the tracks {', '.join(ill)} have findings of their own: choose one by --track")
     correction = correct(path, found[ill[0]].findings)
-    if correction.changed:
-        target.write_text(f"{_MARK} {path.name}; what was changed says so.\n{correction.text}", encoding="utf-8")
-        load(str(target))
-        again = shlex.join(["sigmax", "doctor", str(target)])
-        errors.print(escape(f"written: {target}; examine it: {again}"), highlight=False, soft_wrap=True)
-    else:
-        errors.print("no file was written", highlight=False)
-    for sentence in correction.left:
-        errors.print(escape(sentence), highlight=False, soft_wrap=True)
+    again = shlex.join(["sigmax", "doctor", str(target)])
+    _CORRECTED.write(path, target, correction, errors, f"; examine it: {again}")
 
 
 def proposal(name: str, prior: str | None, record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> str:

@@ -3,23 +3,20 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from sigmax.errors import InputError
-from sigmax.records import load
+from sigmax.cli.descriptions import Beside
 from sigmax.records.fitted import fitted
 from sigmax.records.refit import Refit, refit
 from sigmax.reports.fitted import FILES, in_numbers, verdict, write_fit
 from sigmax.reports.folder import check_folder
 from sigmax.views import words
 
-# The first words of a description that was fitted; only such a file is written over.
-_MARK = "# Fitted by sigmax fit from"
+_FITTED = Beside("fitted", "fit")
 
 
 def fit_records(
@@ -39,7 +36,7 @@ def fit_records(
         SystemExit: with 1 where a number is not determined.
     """
     console, errors = Console(), Console(stderr=True)
-    targets = {name: _target(name) for name in names} if write else {}
+    targets = {name: _FITTED.target(name) for name in names} if write else {}
     if out is not None:
         check_folder(out, FILES)
     with errors.status("reading the record") as status:
@@ -55,8 +52,10 @@ def fit_records(
     if out is not None:
         write_fit(out, made)
         errors.print(escape(f"written: {out / 'report.html'}"), highlight=False, soft_wrap=True)
+    values = {n: (float(made.fit.parameters[n.name]), float(made.fit.std[n.name])) for n in made.numbers}
     for name, target in targets.items():
-        _write(Path(name), target, made, errors)
+        path = Path(name)
+        _FITTED.write(path, target, fitted(path, made.trial, values), errors)
     raise SystemExit(made.fit.status)
 
 
@@ -78,34 +77,3 @@ def _print(console: Console, made: Refit) -> None:
     correlated = [f"Correlated: {said}." for said in fit.correlated()]
     for sentence in (headline, *sentences, *correlated):
         console.print(escape(sentence), highlight=False, soft_wrap=True)
-
-
-def _target(name: str) -> Path:
-    """Where the description with fitted numbers goes.
-
-    Raises:
-        InputError: for a record without a description, and where something else stands there.
-    """
-    path = Path(name)
-    if path.suffix.casefold() != ".toml":
-        raise InputError(f"--write changes a description in TOML; {name} is built in and has none")
-    target = path.with_name(f"{path.stem}-fitted{path.suffix}")
-    if target.exists() and not target.read_text(encoding="utf-8", errors="replace").startswith(_MARK):
-        raise InputError(f"{target} was not written by sigmax fit: move it away")
-    return target
-
-
-def _write(path: Path, target: Path, made: Refit, errors: Console) -> None:
-    """The description with what was fitted, and what is to be done by hand, to standard error."""
-    values: dict[Any, tuple[float, float]] = {
-        n: (float(made.fit.parameters[n.name]), float(made.fit.std[n.name])) for n in made.numbers
-    }
-    found = fitted(path, made.trial, values)
-    if found.changed:
-        target.write_text(f"{_MARK} {path.name}; what was changed says so.\n{found.text}", encoding="utf-8")
-        load(str(target))
-        errors.print(escape(f"written: {target}"), highlight=False, soft_wrap=True)
-    else:
-        errors.print("no file was written", highlight=False)
-    for sentence in found.left:
-        errors.print(escape(sentence), highlight=False, soft_wrap=True)
