@@ -4,7 +4,6 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -12,9 +11,8 @@ from rich.table import Table
 from sigmax.cli.descriptions import Beside
 from sigmax.records.fitted import fitted
 from sigmax.records.refit import Refit, refit
-from sigmax.reports.fitted import FILES, in_numbers, verdict, write_fit
+from sigmax.reports.fitted import FILES, HEADS, in_numbers, rows, verdict, write_fit
 from sigmax.reports.folder import check_folder
-from sigmax.views import words
 
 _FITTED = Beside("fitted", "fit")
 
@@ -63,14 +61,11 @@ def _print(console: Console, made: Refit) -> None:
     fit = made.fit
     listed = ", ".join(record.title for record in made.records)
     shown = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0))
-    for head in ("number", "as it stands", "fitted, ± its standard error"):
+    for head in HEADS:
         shown.add_column(head)
-    for n in made.numbers:
-        value, std = float(fit.parameters[n.name]), float(fit.std[n.name])
-        now = words.measured(value, std if np.isfinite(std) else None, n.unit)
-        now += "" if np.isfinite(std) else ", not determined"
+    for n, (name, before, now) in zip(made.numbers, rows(made), strict=True):
         kind = " (factor of variances)" if n.kind == "factor" else ""
-        shown.add_row(escape(f"{n.name}{kind}"), words.measured(n.start, None, n.unit), escape(now))
+        shown.add_row(escape(f"{name}{kind}"), before, escape(now))
     console.print(f"[bold]{escape(listed)}[/]\nby {escape(fit.filter)}", highlight=False, soft_wrap=True)
     console.print(shown)
     headline, sentences = verdict(fit)

@@ -5,11 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sigmax.fitting.found import INTERVAL
 from sigmax.fitting.search import Search
 from sigmax.fitting.summit import Many, Summit
 
-# What a log-likelihood has to lose before a number counts as told, and where its 95 % interval ends.
-_TOLD, _BOUND = 0.5, 1.92
+# What a log-likelihood has to lose before a number counts as told.
+_TOLD = 0.5
 # How far logarithms are looked at: a factor of 20; and a mixture, in deviations of its numbers by themselves.
 _WIDE, _MIXED = 3.0, 3000.0
 # Curvature, of 1 where numbers are independent, below which a direction is followed.
@@ -104,7 +105,7 @@ def _edge(f: Many, summit: Summit, i: int, sign: int) -> float:
     far = np.linspace(0, 16, 65)
     points = np.tile(summit.y, (len(far), 1))
     points[:, i] += sign * far
-    beyond = np.flatnonzero(summit.value - f(points) > _BOUND)
+    beyond = np.flatnonzero(summit.value - f(points) > INTERVAL)
     return float(points[beyond[0], i]) if len(beyond) else float("nan")
 
 

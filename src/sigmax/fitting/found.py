@@ -10,6 +10,8 @@ from sigmax.views import words
 from sigmax.views.draw import draw
 from sigmax.views.panels import Line, Panel
 
+# What the log-likelihood has lost where a 95 % interval ends.
+INTERVAL = 1.92
 # Correlations from here on are said.
 _CORRELATED = 0.5
 
@@ -127,9 +129,9 @@ class Fit:
         """What the picture shows: a number to the right, upwards the log-likelihood less its maximum."""
         found = []
         for one in self.along:
-            quarter = Line("95 % interval", one.values, np.full(len(one.values), -1.92), style="limit")
+            edge = Line("95 % interval", one.values, np.full(len(one.values), -INTERVAL), style="limit")
             found.append(
-                Panel(one.name, "log-likelihood", (Line("likelihood", one.values, -one.lost), quarter), (-6.0, 0.3))
+                Panel(one.name, "log-likelihood", (Line("likelihood", one.values, -one.lost), edge), (-6.0, 0.3))
             )
         return found
 

@@ -8,6 +8,7 @@ import numpy as np
 
 import sigmax
 from sigmax.fitting import Along, Fit
+from sigmax.fitting.found import INTERVAL
 from sigmax.records.refit import Refit
 from sigmax.reports.document import data, document, lead, place, section, table
 from sigmax.reports.figures import Figure, colour
@@ -16,6 +17,8 @@ from sigmax.reports.replaced import replaced
 from sigmax.views import words
 
 FILES = ("report.html", "summary.json")
+# Over the rows of the table of numbers, on the page and in the terminal.
+HEADS = ("number", "as it stands", "fitted, ± its standard error")
 
 
 def write_fit(folder: Path, made: Refit) -> None:
@@ -53,7 +56,7 @@ def page(made: Refit) -> str:
         along += place(f"along-{k}", f"along/{k}")
     about = (
         "The log-likelihood less its maximum, the other numbers going with each as their correlations have it. Where "
-        "it has lost 1.92, a 95 % interval ends."
+        f"it has lost {INTERVAL}, a 95 % interval ends."
     )
     sections += [section("Likelihood along each number", about, along), *_correlations(fit)]
     sections += [data(record.source, record.licence, ()) for record in made.records]
@@ -79,15 +82,20 @@ def verdict(fit: Fit) -> tuple[str, list[str]]:
     return ("All numbers are determined." if not fit.undetermined else "Not every number is determined."), sentences
 
 
-def _numbers(made: Refit) -> str:
-    rows = []
+def rows(made: Refit) -> list[tuple[str, str, str]]:
+    """Each number in words, under `HEADS`."""
+    found = []
     for n in made.numbers:
         value, std = float(made.fit.parameters[n.name]), float(made.fit.std[n.name])
         now = words.measured(value, std if np.isfinite(std) else None, n.unit)
         now += "" if np.isfinite(std) else ", not determined"
-        rows.append([escape(n.name), escape(words.measured(n.start, None, n.unit)), escape(now)])
+        found.append((n.name, words.measured(n.start, None, n.unit), now))
+    return found
+
+
+def _numbers(made: Refit) -> str:
     about = "Of a factor 1 is the noise as it stands; it multiplies variances."
-    return section("Numbers", about, table(("number", "as it stands", "fitted, ± its standard error"), rows))
+    return section("Numbers", about, table(HEADS, [[escape(said) for said in row] for row in rows(made)]))
 
 
 def _correlations(fit: Fit) -> list[str]:
@@ -102,7 +110,8 @@ def _figure(one: Along, unit: str) -> Figure:
     kept = np.isfinite(one.lost)
     x, y = one.values[kept], -one.lost[kept]
     shown = {"type": "scatter", "mode": "lines+markers", "name": "log-likelihood", "x": x.tolist(), "y": y.tolist()}
-    edge = {"type": "scatter", "mode": "lines", "name": "95 % interval", "x": [x.min(), x.max()], "y": [-1.92, -1.92]}
+    ends, level = [x.min(), x.max()], [-INTERVAL] * 2
+    edge = {"type": "scatter", "mode": "lines", "name": "95 % interval", "x": ends, "y": level}
     return {
         "data": [
             shown | {"line": {"color": colour(0), "width": 1.6}},
