@@ -70,8 +70,8 @@ def _alone(f: Many, summit: Summit, search: Search, names: Sequence[str]) -> lis
     at = f(y + np.array([*np.diag(-wide), *np.diag(wide)])).reshape(2, -1)
     lost = summit.value - at
     found = []
+    theta = search.outside(y)
     for i, name in enumerate(names):
-        theta = search.outside(y)
         low, high = lost[:, i] < _TOLD
         if search.boxed[i]:
             if abs(y[i]) > _AT_BOUND:
@@ -80,16 +80,16 @@ def _alone(f: Many, summit: Summit, search: Search, names: Sequence[str]) -> lis
             elif low and high and A[i] * summit.steps[i] ** 2 < 1e-6:
                 found.append(Untold((i,), _nothing(name)))
         elif search.logarithmic[i]:
-            ends = [_edge(f, summit, i, side) for side in (-1, 1)] if low and high else []
-            low, high = (np.isnan(ends[0]), np.isnan(ends[1])) if ends else (low, high)
+            edge = {side: _edge(f, summit, i, side) for side, needed in ((1, low), (-1, high)) if needed}
+            if low and high:
+                low, high = np.isnan(edge[-1]), np.isnan(edge[1])
             if low and high:
                 span = f"from {theta[i] / np.exp(_WIDE):.2g} to {theta[i] * np.exp(_WIDE):.2g}"
                 found.append(Untold((i,), f"{_nothing(name)}: {span} the log-likelihood loses less than {_TOLD}"))
             elif low or high:
-                edge = _edge(f, summit, i, 1 if low else -1)
-                limit = f"{np.exp(edge):.2g}" if np.isfinite(edge) else "any number"
-                where = "below" if low else "above"
-                also = "0 would do as well" if where == "below" else "the larger the better"
+                end = edge[1 if low else -1]
+                limit = f"{np.exp(end):.2g}" if np.isfinite(end) else "any number"
+                where, also = ("below", "0 would do as well") if low else ("above", "the larger the better")
                 found.append(Untold((i,), f"of {name} the record tells only that it is {where} {limit}: {also}"))
         elif low and high and A[i] * summit.steps[i] ** 2 < 1e-9 * max(1.0, abs(summit.value)):
             found.append(Untold((i,), _nothing(name)))
