@@ -61,8 +61,7 @@ def with_filter_numbers(fit: Fit, lattice: Lattice, at: tuple[float, ...], start
         line = with_it * slope
         spread[:p, :p] += np.outer(line, line) * deviation**2
         spread[p + i, :p] = spread[:p, p + i] = line * deviation**2
-        for j in range(q):
-            spread[p + i, p + j] = deviation**2 if i == j else spread[p + i, p + j]
+        spread[p + i, p + i] = deviation**2
     deviations = np.sqrt(np.diag(spread)[:p])
     return replace(
         fit,

@@ -138,7 +138,7 @@ class Likelihood:
         each = theta if self._moving else self._start[None]
         made = [_joint(self.data.build, self.search, first, t) for t in each]
         found = []
-        for parts, core in ((next(zip(*made, strict=True)), 1), (list(zip(*made, strict=True))[1], 2)):
+        for parts, core in zip(zip(*made, strict=True), (1, 2), strict=True):
             arrays = [np.asarray(a, float) for a in parts]
             arrays = [a if a.ndim > core else np.broadcast_to(a, (self.tracks, *a.shape)) for a in arrays]
             whole = np.concatenate(arrays)

@@ -40,7 +40,7 @@ class Search:
 
     @property
     def size(self) -> int:
-        """P."""
+        """How many numbers there are, p."""
         return len(self.low)
 
     @property
