@@ -69,7 +69,10 @@ def _factor(n: Number, value: float, reason: str) -> Finding:
 
 def _quantity(value: float, std: float, unit: str) -> str | float:
     """A number to a hundredth of its standard error."""
-    digits = max(2, int(np.ceil(np.log10(max(abs(value) / std, 1e-3)))) + 2)
+    return _rounded(value, max(2, int(np.ceil(np.log10(max(abs(value) / std, 1e-3)))) + 2), unit)
+
+
+def _rounded(value: float, digits: int, unit: str) -> str | float:
     return f"{value:.{digits}g} {unit}" if unit else float(f"{value:.{digits}g}")
 
 
@@ -102,8 +105,6 @@ def _put_value(document: Document, n: Number, value: float, std: float, reason: 
         except KeyError:
             continue
         document.put((table, str(name), "mean"), _quantity(value, std, n.unit), reason)
-        document.put(
-            (table, str(name), "std"), f"{std:.2g} {n.unit}".rstrip() if n.unit else float(f"{std:.2g}"), reason
-        )
+        document.put((table, str(name), "std"), _rounded(std, 2, n.unit), reason)
         return
     raise InputError("its prior comes from the measurements")

@@ -25,14 +25,12 @@ class Refit(NamedTuple):
         fit: the fit.
         numbers: what was freed, as it stands in the first record.
         records: the records.
-        paths: of their descriptions, None for those that are built in.
         trial: whose likelihood it is.
     """
 
     fit: Fit
     numbers: tuple[Number, ...]
     records: tuple[Record, ...]
-    paths: tuple[Path | None, ...]
     trial: Trial
 
 
@@ -90,7 +88,7 @@ def refit(
         begin=_starts(records[0], chosen, numbers, progress) if by_em else None,
         progress=progress,
     )
-    return Refit(found, tuple(numbers), tuple(records), tuple(paths), trial)
+    return Refit(found, tuple(numbers), tuple(records), trial)
 
 
 def _starts(
