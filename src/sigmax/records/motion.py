@@ -104,7 +104,7 @@ def read_motion(part: MotionPart, where: str, functions: Functions) -> Moving:
             raise InputError(f"{where}.axes: {part.kind} cannot have the axes {part.axes}")
     if part.tau is not None:
         options["tau"] = quantity(part.tau, TIME, f"{where}.tau")
-        if is_below(options["tau"], 0, least=True):
+        if is_below(options["tau"], 0, or_at=True):
             raise InputError(f"{where}.tau must be above 0; it is {part.tau!r}")
     made: Motion = getattr(motions, part.kind)(**options)
     wanted = _NOISE[part.kind]

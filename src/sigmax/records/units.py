@@ -184,9 +184,9 @@ def quantity(given: Any, dimension: Dimension, where: str) -> Any:
     return value
 
 
-def is_below(value: Any, bound: float, least: bool = False) -> bool:
-    """Whether a quantity lies below a bound, or at it where it has to be above; what is fitted is kept in its own."""
-    return not is_traced(value) and bool(value <= bound if least else value < bound)
+def is_below(value: Any, bound: float, or_at: bool = False) -> bool:
+    """Whether a quantity lies below a bound, or at it; one that is fitted does not: the fit keeps it in its bounds."""
+    return not is_traced(value) and bool(value <= bound if or_at else value < bound)
 
 
 def _example(dimension: Dimension) -> str:
