@@ -11,9 +11,9 @@ import sigmax
 from sigmax.cli.app import app
 from sigmax.errors import InputError
 from sigmax.records import load
-from sigmax.records.fitted import fitted
-from sigmax.records.freed import find
-from sigmax.records.freed_model import build_of
+from sigmax.records.fit_toml import fitted
+from sigmax.records.free_model import build_of
+from sigmax.records.free_numbers import find
 from sigmax.records.refit import refit
 
 TOML = """data = "{data}"

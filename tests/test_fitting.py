@@ -9,8 +9,8 @@ import pytest
 import sigmax
 from sigmax.fitting import em
 from sigmax.fitting.likelihood import Data, Likelihood, Likelihoods
+from sigmax.fitting.maximum import climb, derivatives
 from sigmax.fitting.search import search_of
-from sigmax.fitting.summit import climb, derivatives
 from sigmax.running.lowered import Lowered
 
 

@@ -3,6 +3,6 @@
 from sigmax.fitting.em import Em, em
 from sigmax.fitting.family import Build
 from sigmax.fitting.fit import fit
-from sigmax.fitting.found import Along, Fit, HeldOut
+from sigmax.fitting.result import Along, Fit, HeldOut
 
 __all__ = ["Along", "Build", "Em", "Fit", "HeldOut", "em", "fit"]

@@ -10,8 +10,8 @@ import numpy as np
 from sigmax.algebra.arrays import wrap
 from sigmax.errors import InputError
 from sigmax.filters import Filter
-from sigmax.fitting.factors import with_factor
 from sigmax.fitting.likelihood import Data, Likelihood
+from sigmax.fitting.noise_factors import with_factor
 from sigmax.fitting.search import Parameters, search_of
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model

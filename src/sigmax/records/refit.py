@@ -11,9 +11,9 @@ from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.fitting import Fit, em, fit
 from sigmax.models import Gaussian, Model
-from sigmax.records.freed import Number, asked, find
-from sigmax.records.freed_filter import filter_made
-from sigmax.records.freed_model import build_of
+from sigmax.records.filter_numbers import filter_made
+from sigmax.records.free_model import build_of
+from sigmax.records.free_numbers import Number, asked, find
 from sigmax.records.load import load, load_plots
 from sigmax.records.record import Record, Trial, parse_trial, with_updates
 

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sigmax.fitting.determined import covariance, untold
-from sigmax.fitting.found import Along, Fit, HeldOut
+from sigmax.fitting.identifiability import covariance, untold
+from sigmax.fitting.lattice import Lattice, Tried
 from sigmax.fitting.likelihood import Likelihoods
-from sigmax.fitting.outer import Lattice, Tried
-from sigmax.fitting.summit import Summit, climb
+from sigmax.fitting.maximum import Summit, climb
+from sigmax.fitting.result import Along, Fit, HeldOut
 
 # The picture along a number: so many deviations to each side, at so many places.
 _WIDE, _PLACES = 3.0, 13

@@ -9,8 +9,8 @@ from sigmax.errors import InputError
 from sigmax.examination import Finding
 from sigmax.filters import named
 from sigmax.records.correct import Correction, correct
-from sigmax.records.freed import Number
-from sigmax.records.freed_filter import NAMES, changed, with_weights
+from sigmax.records.filter_numbers import NAMES, changed, with_weights
+from sigmax.records.free_numbers import Number
 from sigmax.records.record import Trial
 from sigmax.records.toml_edit import Document
 from sigmax.views import words

@@ -14,8 +14,8 @@ from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.fitting.family import Build
 from sigmax.fitting.likelihood import Data, Likelihoods
+from sigmax.fitting.maximum import Summit, climb
 from sigmax.fitting.search import Parameters, Search
-from sigmax.fitting.summit import Summit, climb
 from sigmax.models.checks import numbers
 
 # Places of the lattice, refinements, and sweeps where there are several numbers.
@@ -63,7 +63,7 @@ class Lattice:
         self.value(at)
         for _ in range(_SWEEPS if len(at) > 1 else 1):
             for i in range(len(at)):
-                at = self._along(at, i)
+                at = self._best_along(at, i)
         return at
 
     def value(self, at: tuple[float, ...]) -> float:
@@ -128,7 +128,7 @@ class Lattice:
         self.evaluations += likelihoods.evaluations
         return Tried(likelihoods, summit)
 
-    def _along(self, at: tuple[float, ...], i: int) -> tuple[float, ...]:
+    def _best_along(self, at: tuple[float, ...], i: int) -> tuple[float, ...]:
         low, high = list(self.bounds.values())[i]
         bent = low > 0 and high / low > _LOGARITHMIC
         spaced = np.geomspace if bent else np.linspace

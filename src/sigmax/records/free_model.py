@@ -8,11 +8,11 @@ import numpy as np
 from pydantic import BaseModel
 
 from sigmax.fitting import Build
-from sigmax.fitting.factors import with_factor
+from sigmax.fitting.noise_factors import with_factor
 from sigmax.models import Gaussian, Model
 from sigmax.models.noise import arrays_of
 from sigmax.records.description import Description, read_toml
-from sigmax.records.freed import Number, Place
+from sigmax.records.free_numbers import Number, Place
 from sigmax.records.landmarks import with_landmark_inputs
 from sigmax.records.model import build
 from sigmax.records.record import Record

@@ -8,7 +8,7 @@ import numpy as np
 
 import sigmax
 from sigmax.fitting import Along, Fit
-from sigmax.fitting.found import INTERVAL
+from sigmax.fitting.result import INTERVAL
 from sigmax.records.refit import Refit
 from sigmax.reports.document import data, document, lead, place, section, table
 from sigmax.reports.figures import Figure, colour

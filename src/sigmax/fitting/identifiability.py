@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sigmax.fitting.found import INTERVAL
+from sigmax.fitting.maximum import Many, Summit
+from sigmax.fitting.result import INTERVAL
 from sigmax.fitting.search import Search
-from sigmax.fitting.summit import Many, Summit
 
 # What a log-likelihood has to lose before a number counts as told.
 _TOLD = 0.5

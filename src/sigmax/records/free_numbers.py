@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.records.freed_filter import NAMES, start_of
+from sigmax.records.filter_numbers import NAMES, start_of
 from sigmax.records.record import Record, Trial
 from sigmax.records.units import parts_of_quantity
 
