@@ -156,9 +156,9 @@ def fit_command(
         list[str],
         typer.Option(
             "--free",
-            help="Numbers by name, with commas: Q, R, Q.COMPONENT, R.SENSOR.COMPONENT, a component of state or bias, "
-            "or the end of a path in the description such as noise.range; NAME=LOW..HIGH keeps one within. May be "
-            "repeated.",
+            help="Numbers to fit, separated by commas: Q, R, Q.COMPONENT, R.SENSOR.COMPONENT, a component of state "
+            "or bias, or the end of a path in the description such as noise.range; NAME=LOW..HIGH keeps one within. "
+            "May be repeated.",
             show_default=False,
         ),
     ],
@@ -169,10 +169,13 @@ def fit_command(
         ),
     ] = None,
     hold_out: Annotated[
-        float, typer.Option("--hold-out", help="Share of the last steps that judge a fit of the others; 0 for none.")
+        float,
+        typer.Option(
+            "--hold-out", help="Share of the steps, the last ones, held out to test a fit of the others; 0 for none."
+        ),
     ] = 0.3,
     by_em: Annotated[
-        bool, typer.Option("--em", help="Start factors of Q and R where expectation–maximisation leads them.")
+        bool, typer.Option("--em", help="Start the factors of Q and R from expectation–maximisation (EM).")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the fit as JSON.")] = False,
     write: Annotated[
