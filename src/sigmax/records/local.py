@@ -81,9 +81,18 @@ def frame_of(part: LocalPart, table: Table) -> Frame:
     Raises:
         InputError: for a frame that is not known, and where there is no origin.
     """
+    latitude, longitude = (_angles(table, getattr(part, name), name) for name in ("latitude", "longitude"))
+    return frame_among(part, latitude, longitude)
+
+
+def frame_among(part: LocalPart, latitude: np.ndarray, longitude: np.ndarray) -> Frame:
+    """The frame at the origin that is described, or at the first of these places (rad).
+
+    Raises:
+        InputError: as `frame_of`.
+    """
     if part.frame not in ("plane", "utm"):
         raise InputError(f'local.frame is "plane" or "utm"; it is {part.frame!r}')
-    latitude, longitude = (_angles(table, getattr(part, name), name) for name in ("latitude", "longitude"))
     origin = origin_of(part, latitude, longitude)
     if part.height is None:
         return Frame(origin[:2], part.frame == "utm")

@@ -10,8 +10,7 @@ import orjson
 
 from sigmax.errors import InputError
 from sigmax.records.description import Column, LocalPart
-from sigmax.records.frame import Frame
-from sigmax.records.local import DOWN, FARTHEST, POSITION, UP, VELOCITY, distance, origin_of
+from sigmax.records.local import DOWN, FARTHEST, POSITION, UP, VELOCITY, distance, frame_among
 from sigmax.records.units import ANGLE, LENGTH, NUMBER, SPEED, parse_unit, quantity, to_si
 
 _PLAIN = {int, float, type(None)}
@@ -109,11 +108,7 @@ class LocalRows:
     def __init__(self, part: LocalPart) -> None:
         if part.origin is None:
             raise InputError('local.origin = ["52.1 deg", "4.3 deg"] is needed in a feed')
-        if part.frame not in ("plane", "utm"):
-            raise InputError(f'local.frame is "plane" or "utm"; it is {part.frame!r}')
-        origin = origin_of(part, np.empty(0), np.empty(0))
-        place = origin[:2] if part.height is None else origin if len(origin) == 3 else (*origin, 0.0)
-        self._frame = Frame(place, part.frame == "utm")
+        self._frame = frame_among(part, np.empty(0), np.empty(0))
         self._within = FARTHEST if part.within is None else quantity(part.within, LENGTH, "local.within")
         wanted = [(part.latitude, ANGLE, "latitude"), (part.longitude, ANGLE, "longitude")]
         wanted += [] if part.height is None else [(part.height, LENGTH, "height")]
