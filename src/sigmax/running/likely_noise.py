@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 
 from sigmax.algebra.arrays import times
-from sigmax.algebra.factor import Diagonal, Matrix, add, dense, solve_lower
+from sigmax.algebra.factor import Diagonal, add, dense, solve_lower
 from sigmax.forms.noise import noise_factor
-from sigmax.running.updating import Observed
+from sigmax.running.updating import Observed, columns_scaled
 
 # How often λ and the state are estimated from each other; a sweep leaves about 1 / memory of what was missing.
 _SWEEPS = 2
@@ -17,11 +17,6 @@ _SWEEPS = 2
 _PRIOR = 1 / math.log(10) ** 2
 # One measurement changes Q by a factor of two at most, all of them by 10¹².
 _STEP, _FARTHEST = math.log(2), 12 * math.log(10)
-
-
-def stretched(L: Matrix, by: jax.Array) -> Matrix:
-    """A factor with its columns multiplied by numbers (m, ...)."""
-    return Diagonal(L.entries * by) if isinstance(L, Diagonal) else L * by[None]
 
 
 def adapted(
@@ -51,7 +46,7 @@ def adapted(
         known = times(G.swapaxes(0, 1), solve_lower(Sy, taken.innovation))
         squared = now * (known * known + 1 - (G * G).sum(0))
         now = jnp.where(seen, before + (squared - before) / memory, before)
-        noise = stretched(taken.noise, jnp.sqrt(now / before))
+        noise = columns_scaled(taken.noise, jnp.sqrt(now / before))
     return taken._replace(noise=noise), now
 
 

@@ -20,9 +20,9 @@ from sigmax.rules.charted import linearized
 from sigmax.rules.linearization import Linearization
 from sigmax.running.considering import considered, grown
 from sigmax.running.constraining import conditioned
-from sigmax.running.likely_noise import adapted, stretched
+from sigmax.running.likely_noise import adapted
 from sigmax.running.soundness import finite, first, kept
-from sigmax.running.updating import ROUNDING, observing, there, update_on, updated
+from sigmax.running.updating import ROUNDING, columns_scaled, observing, there, update_on, updated
 from sigmax.spaces import reset
 
 LOG_2PI = math.log(2 * math.pi)
@@ -183,7 +183,7 @@ def corrected(
             Lr, noise_sound = sensor_noise(model, R, x, u, seen)
         else:  # it comes with the line
             Lr, noise_sound = Diagonal(jnp.where(seen, 0, jnp.ones_like(z))), jnp.ones(x.shape[1:], bool)
-        Lr = Lr if scale is None else stretched(Lr, jnp.where(seen, jnp.sqrt(scale), 1))
+        Lr = Lr if scale is None else columns_scaled(Lr, jnp.where(seen, jnp.sqrt(scale), 1))
     observe = observing(filter, model, sensor, Lr, x, S, z, u)
     with jax.named_scope("the sensor, linearised"):
         observed = observe()

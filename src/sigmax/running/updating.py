@@ -191,9 +191,13 @@ def _weighted(observed: Observed, weighed: Weighed, omega: bool) -> Observed:
     bare = line._replace(residual=line.residual[:, :0], deficit=line.deficit[:, :0])
     noise, _ = noise_factor(line if omega else bare, observed.noise)
     weights = weighed.weights
-    stretch = jnp.sqrt(1 / jnp.where(weights > 0, weights, 1))
-    stretched = Diagonal(noise.entries * stretch) if isinstance(noise, Diagonal) else noise * stretch[None]
-    return observed._replace(line=bare, noise=stretched)
+    noise = columns_scaled(noise, jnp.sqrt(1 / jnp.where(weights > 0, weights, 1)))
+    return observed._replace(line=bare, noise=noise)
+
+
+def columns_scaled(L: Matrix, by: jax.Array) -> Matrix:
+    """A factor with its columns multiplied by numbers (m, ...)."""
+    return Diagonal(L.entries * by) if isinstance(L, Diagonal) else L * by[None]
 
 
 def _over(E: jax.Array, D: jax.Array) -> jax.Array:
