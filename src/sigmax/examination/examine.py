@@ -18,7 +18,7 @@ from sigmax.examination.variants import RecordData, Runner, Variant
 from sigmax.filters import Bank, Filter, once
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
-from sigmax.running.adapting import adapts
+from sigmax.running.adaptive_noises import adapts
 from sigmax.running.prepare import Prepared, as_filter, prepare
 from sigmax.running.run import steps_given
 from sigmax.running.times import times_of

@@ -22,7 +22,7 @@ from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
 from sigmax.native import Refused
-from sigmax.running.adapting import adapted_noises
+from sigmax.running.adaptive_noises import adapted_noises
 from sigmax.running.backend import natively
 from sigmax.running.fusing import how
 from sigmax.running.lowered import with_numbers

@@ -1,6 +1,6 @@
 """Filters: a rule for the prediction, a rule for the correction, a form, an update; and their catalogue."""
 
-from sigmax.filters.adaptive import AdaptiveQ, adaptive_Q
+from sigmax.filters.adaptive_noise import AdaptiveQ, adaptive_Q
 from sigmax.filters.bank import Bank, of_one_belief
 from sigmax.filters.catalogue import Entry, bank, catalogue, get, names
 from sigmax.filters.filter import Filter, ModeFilters

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import makers as make
-from sigmax.filters.adaptive import AdaptiveQ, named_Q
+from sigmax.filters.adaptive_noise import AdaptiveQ, named_Q
 from sigmax.filters.bank import bank_of
 from sigmax.filters.filter import Filter
 from sigmax.filters.parameters import fitted

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from types import FunctionType
 
 from sigmax.errors import InputError
-from sigmax.filters.adaptive import AdaptiveQ
+from sigmax.filters.adaptive_noise import AdaptiveQ
 from sigmax.filters.update import BySensor, Update
 from sigmax.forms.form import Form
 from sigmax.rules.linearization import Rule

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from sigmax.errors import InputError, unknown
-from sigmax.filters.adaptive import check_memory
+from sigmax.filters.adaptive_noise import check_memory
 from sigmax.filters.parameters import fitted
 from sigmax.filters.weights import WEIGHTS, Weight
 

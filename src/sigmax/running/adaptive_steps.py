@@ -13,8 +13,8 @@ from sigmax.filters import Filter
 from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.running import smooth_step, step
-from sigmax.running.adapting import Adapted, adapted_noises
-from sigmax.running.likely_noise import Found, Slope, likelier
+from sigmax.running.adaptive_noises import AdaptiveBelief, adapted_noises
+from sigmax.running.noise_estimation import QScale, Slope, estimate_Q
 from sigmax.running.step import Belief, Innovation
 
 
@@ -31,15 +31,15 @@ class AdaptiveSteps:
         self.noises = adapted_noises(filter, model)
         self._memory = math.inf if filter.Q is None else filter.Q.memory
 
-    def begin(self, mean: Any, cov: Any) -> tuple[Adapted, Any]:
+    def begin(self, mean: Any, cov: Any) -> tuple[AdaptiveBelief, Any]:
         """The belief of a prior, noises as the model has them, and whether it is one (...)."""
         factor, sound = cholesky(cov)
         batch = mean.shape[1:]
         scales = jnp.ones((self.noises.first, *batch), mean.dtype)
         of_Q = jnp.zeros((self.noises.size - self.noises.first, *batch), mean.dtype)
-        return Adapted(mean, factor, jnp.concatenate([scales, of_Q])), sound
+        return AdaptiveBelief(mean, factor, jnp.concatenate([scales, of_Q])), sound
 
-    def predict(self, belief: Adapted, dt: Any, u: Any) -> tuple[Adapted, Any]:
+    def predict(self, belief: AdaptiveBelief, dt: Any, u: Any) -> tuple[AdaptiveBelief, Any]:
         """The belief dt later, and the fault (...) of each member of the batch."""
         found = self._found(belief.known)
 
@@ -49,9 +49,11 @@ class AdaptiveSteps:
         logarithms = [f.logarithm for f in found]
         new, fault, slopes = _with_slopes(moved, Belief(*belief[:2]), logarithms, found)
         known = [f._replace(mean=s.mean, factor=s.factor) for f, s in zip(found, slopes, strict=True)]
-        return Adapted(new.mean, new.factor, self._known(belief.known, known)), fault
+        return AdaptiveBelief(new.mean, new.factor, self._known(belief.known, known)), fault
 
-    def correct(self, sensor: str, R: Any, belief: Adapted, z: Any, u: Any) -> tuple[Adapted, Innovation, Any]:
+    def correct(
+        self, sensor: str, R: Any, belief: AdaptiveBelief, z: Any, u: Any
+    ) -> tuple[AdaptiveBelief, Innovation, Any]:
         """The belief after a measurement z (m, ...), what it said, and the fault."""
         R, at = self.model.R[sensor] if R is None else R, self.noises.of(sensor)
         before, found = None if at is None else belief.known[at], self._found(belief.known)
@@ -65,31 +67,33 @@ class AdaptiveSteps:
         made, (said, fault, after), slopes = _with_slopes(corrected, Belief(*belief[:2]), [], found)
         new, known = made[0], []
         for f, (moved, told) in zip(found, slopes, strict=True):
-            logarithm, information = likelier(f, self._memory, said, told, said.dof > 0)
-            known.append(Found(logarithm, information, moved.mean, moved.factor))
+            logarithm, information = estimate_Q(f, self._memory, said, told, said.dof > 0)
+            known.append(QScale(logarithm, information, moved.mean, moved.factor))
         kept = (
             belief.known if at is None else jnp.concatenate([belief.known[: at.start], after, belief.known[at.stop :]])
         )
-        return Adapted(new.mean, new.factor, self._known(kept, known)), said, fault
+        return AdaptiveBelief(new.mean, new.factor, self._known(kept, known)), said, fault
 
-    def back(self, filtered: Adapted, later: Adapted, later_fault: Any, dt: Any, u: Any) -> tuple[Adapted, Any]:
+    def back(
+        self, filtered: AdaptiveBelief, later: AdaptiveBelief, later_fault: Any, dt: Any, u: Any
+    ) -> tuple[AdaptiveBelief, Any]:
         """The smoothed belief of a step, and its fault; what is known of noises stays what the filter knew."""
         now, ahead = Belief(*filtered[:2]), Belief(*later[:2])
         stretch = self._stretch([f.logarithm for f in self._found(filtered.known)])
         new, failed = smooth_step.back(self.filter, self.model, self.root, now, ahead, later_fault, dt, u, stretch)
-        return Adapted(*new, filtered.known), failed
+        return AdaptiveBelief(*new, filtered.known), failed
 
-    def _found(self, known: Any) -> list[Found]:
+    def _found(self, known: Any) -> list[QScale]:
         """What is known of each group of Q."""
         noises, found = self.noises, []
         i, j = np.tril_indices(noises.n)
         for at in noises.logarithms:
             mean, lower = known[at + 2 : at + 2 + noises.points], known[at + 2 + noises.points : at + noises.each]
             factor = jnp.zeros((noises.n, noises.n, *known.shape[1:]), known.dtype).at[i, j].set(lower)
-            found.append(Found(known[at], known[at + 1], mean, factor))
+            found.append(QScale(known[at], known[at + 1], mean, factor))
         return found
 
-    def _known(self, known: Any, found: list[Found]) -> Any:
+    def _known(self, known: Any, found: list[QScale]) -> Any:
         """What is known of noises, with other numbers of the groups of Q."""
         lower = np.tril_indices(self.noises.n)
         parts = [a for f in found for a in (f.logarithm[None], f.information[None], f.mean, f.factor[lower])]
@@ -106,7 +110,7 @@ class AdaptiveSteps:
         return jnp.stack(rows)
 
 
-def _with_slopes(function: Callable[..., Any], belief: Belief, logarithms: list[Any], found: list[Found]) -> Any:
+def _with_slopes(function: Callable[..., Any], belief: Belief, logarithms: list[Any], found: list[QScale]) -> Any:
     """What a function of a belief and of logarithms gives, what goes with it, and its derivative by each of these."""
     if not found:
         return *function(belief, logarithms), []

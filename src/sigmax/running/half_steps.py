@@ -8,7 +8,7 @@ from sigmax.models.evaluate import noise_root
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
 from sigmax.running import smooth_step, step
-from sigmax.running.adapting import adapted_noises
+from sigmax.running.adaptive_noises import adapted_noises
 from sigmax.running.adaptive_steps import AdaptiveSteps
 from sigmax.running.bank_steps import BankSteps
 from sigmax.running.mode_steps import ModeSteps

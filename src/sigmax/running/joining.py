@@ -13,7 +13,7 @@ from sigmax.models.checks import enough_memory, is_traced
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
-from sigmax.running.adapting import check_adapted
+from sigmax.running.adaptive_noises import check_adapted
 from sigmax.running.current import check_model, found_once
 
 augmented = found_once(augment)

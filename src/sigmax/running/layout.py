@@ -6,7 +6,7 @@ from sigmax.filters import Weight
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
 from sigmax.models.units import Units
-from sigmax.running.adapting import Noises
+from sigmax.running.adaptive_noises import Noises
 from sigmax.spaces import Space
 
 

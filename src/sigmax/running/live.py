@@ -12,7 +12,7 @@ from sigmax.filters import Filter
 from sigmax.models.fusion import Fused
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model, check_flat
-from sigmax.running.adapting import adapted_noises
+from sigmax.running.adaptive_noises import adapted_noises
 from sigmax.running.cautions import warn_before
 from sigmax.running.clocked_engine import ClockedEngine
 from sigmax.running.covariances import covariances

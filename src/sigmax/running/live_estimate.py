@@ -8,19 +8,19 @@ from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.models.model import Model
 from sigmax.models.switching import SwitchingModel
-from sigmax.running.adapting import scales
+from sigmax.running.adaptive_noises import scales
 from sigmax.running.clocked_engine import ClockedEngine
 from sigmax.running.covariances import Moments
-from sigmax.running.found_noises import FoundNoises
 from sigmax.running.layout import Layout
 from sigmax.running.live_native import NativeState
+from sigmax.running.noise_scales import NoiseScales
 from sigmax.running.presentation import estimates, noises_found, probabilities
 from sigmax.running.step import Fault
 from sigmax.running.times import since
 from sigmax.views import words
 
 
-class LiveEstimate(FoundNoises):
+class LiveEstimate(NoiseScales):
     """The estimate of a live filter, to be read between its calls."""
 
     filter: Filter

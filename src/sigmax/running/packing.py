@@ -11,7 +11,7 @@ from sigmax.models.model import Model
 from sigmax.native import Graph, Refused
 from sigmax.native.graph import Array
 from sigmax.native.node import Node
-from sigmax.running.adapting import Adapted, adapted_noises
+from sigmax.running.adaptive_noises import AdaptiveBelief, adapted_noises
 from sigmax.running.joining import modes_of
 from sigmax.running.mixture import MixtureBelief
 from sigmax.running.step import Belief
@@ -67,7 +67,7 @@ class Packing(NamedTuple):
     def belief(self, arrays: Any) -> Any:
         """The belief of its arrays."""
         if not self.members:
-            return Adapted(*arrays) if self.known else Belief(*arrays)
+            return AdaptiveBelief(*arrays) if self.known else Belief(*arrays)
         pairs = zip(arrays[2:-1:2], arrays[3:-1:2], strict=True)
         return MixtureBelief(arrays[0], arrays[1], tuple(Belief(*pair) for pair in pairs), arrays[-1])
 

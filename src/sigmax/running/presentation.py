@@ -11,7 +11,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.models.checks import is_traced
-from sigmax.running.adapting import scales
+from sigmax.running.adaptive_noises import scales
 from sigmax.running.step import Fault
 from sigmax.spaces import Flat, Space
 from sigmax.views import words

@@ -12,7 +12,7 @@ from sigmax.models.model import Model
 from sigmax.models.switching import check_one_mode
 from sigmax.native.calls import extension, ready
 from sigmax.native.driver import Record
-from sigmax.running.adapting import adapts
+from sigmax.running.adaptive_noises import adapts
 from sigmax.running.advance import Instant
 from sigmax.running.backend import attempt
 from sigmax.running.covariances import covariances

@@ -12,7 +12,7 @@ from sigmax.models.checks import is_traced, strings
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.running import native_engine, xla_engine
-from sigmax.running.adapting import adapted_noises
+from sigmax.running.adaptive_noises import adapted_noises
 from sigmax.running.backend import attempt
 from sigmax.running.fusing import how, with_members
 from sigmax.running.prepare import Prepared, as_filter, prepare

@@ -13,7 +13,7 @@ from sigmax.models.augment import augment
 from sigmax.models.checks import is_traced
 from sigmax.models.model import Model
 from sigmax.running import native_engine
-from sigmax.running.adapting import adapted_noises
+from sigmax.running.adaptive_noises import adapted_noises
 from sigmax.running.backend import attempt
 from sigmax.running.current import current_model
 from sigmax.running.half_steps import back_steps

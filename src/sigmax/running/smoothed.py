@@ -15,8 +15,8 @@ from sigmax.errors import InputError
 from sigmax.models.checks import by_name, is_traced, numbers
 from sigmax.running import presentation
 from sigmax.running.covariances import covariances, lower_inverse
-from sigmax.running.found_noises import FoundNoises
 from sigmax.running.layout import Layout
+from sigmax.running.noise_scales import NoiseScales
 from sigmax.running.presentation import series
 from sigmax.running.step import Fault
 from sigmax.running.times import shown
@@ -27,7 +27,7 @@ from sigmax.views.panels import panels
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, repr=False)
-class Smoothed(FoundNoises):
+class Smoothed(NoiseScales):
     """Means and covariances over time; the batch, where there is one, comes first.
 
     Arrays are NumPy arrays, or JAX arrays while being traced. Printed it says in a few lines what came out, in a

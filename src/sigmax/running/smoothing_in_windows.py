@@ -12,7 +12,7 @@ from sigmax.models.checks import is_traced
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.models.switching import check_one_mode
-from sigmax.running.adapting import adapts
+from sigmax.running.adaptive_noises import adapts
 from sigmax.running.current import current_model
 from sigmax.running.prepare import as_filter, cast
 from sigmax.running.result import Result

@@ -20,7 +20,7 @@ from sigmax.rules.charted import linearized
 from sigmax.rules.linearization import Linearization
 from sigmax.running.considering import considered, grown
 from sigmax.running.constraining import conditioned
-from sigmax.running.likely_noise import adapted
+from sigmax.running.noise_estimation import estimate_R
 from sigmax.running.soundness import finite, first, kept
 from sigmax.running.updating import ROUNDING, columns_scaled, observing, there, update_on, updated
 from sigmax.spaces import reset
@@ -153,7 +153,7 @@ class Corrected(NamedTuple):
         belief: after it.
         innovation: what it said.
         fault: (...), as numbers of `Fault`.
-        scale: λ (m, ...) of the sensor after it, see `adapting`; None where R is the model's.
+        scale: λ (m, ...) of the sensor after it, see `Noises`; None where R is the model's.
     """
 
     belief: Belief
@@ -192,7 +192,7 @@ def corrected(
         after = scale
         if scale is not None:
             assert update.memory is not None
-            taken, after = adapted(update.memory, taken, scale, seen, filter.form.omega)
+            taken, after = estimate_R(update.memory, taken, scale, seen, filter.form.omega)
     with jax.named_scope("the correction"):
         done = filter.form.correct(S, taken.line, taken.noise, taken.innovation)
         done = considered(filter, model, S, taken, done)

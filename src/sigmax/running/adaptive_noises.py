@@ -11,7 +11,7 @@ from sigmax.models.switching import SwitchingModel
 from sigmax.running.updating import update_on
 
 
-class Adapted(NamedTuple):
+class AdaptiveBelief(NamedTuple):
     """A belief of an adaptive filter: mean (n, ...), lower factor (n, n, ...), what is known of noises (k, ...)."""
 
     mean: Any
@@ -20,7 +20,7 @@ class Adapted(NamedTuple):
 
 
 class Noises(NamedTuple):
-    """Where it stands what is known of noises: λ of sensors, then of each group of Q what `Found` has.
+    """Where it stands what is known of noises: λ of sensors, then of each group of Q what `QScale` has.
 
     Attributes:
         sensors: by name, from where to where its λ stand.

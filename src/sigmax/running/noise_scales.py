@@ -10,7 +10,7 @@ from sigmax.models.checks import is_traced
 from sigmax.running.layout import Layout
 
 
-class FoundNoises:
+class NoiseScales:
     """Numbers by which a filter with adaptive noises multiplies the variances of the model's R and Q."""
 
     layout: Layout

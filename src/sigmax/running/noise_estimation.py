@@ -19,7 +19,7 @@ _PRIOR = 1 / math.log(10) ** 2
 _STEP, _FARTHEST = math.log(2), 12 * math.log(10)
 
 
-def adapted(
+def estimate_R(
     memory: float, taken: Observed, before: jax.Array, seen: jax.Array, omega: bool
 ) -> tuple[Observed, jax.Array]:
     """The measurement with the noise that it makes likely, and λ (m, ...) after it.
@@ -50,7 +50,7 @@ def adapted(
     return taken._replace(noise=noise), now
 
 
-class Found(NamedTuple):
+class QScale(NamedTuple):
     """What is known of a number s by which a group of rows of Q is multiplied.
 
     Attributes:
@@ -74,7 +74,7 @@ class Slope(NamedTuple):
     log_likelihood: Any
 
 
-def likelier(found: Found, memory: float, said: Any, slope: Slope, heard: jax.Array) -> tuple[jax.Array, jax.Array]:
+def estimate_Q(found: QScale, memory: float, said: Any, slope: Slope, heard: jax.Array) -> tuple[jax.Array, jax.Array]:
     """θ and its information after a measurement: a step of Newton's method on the likelihood that is remembered.
 
     The score of the innovation is the derivative of its log-likelihood through all steps before (recursive prediction
