@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.examination.climb import Climber
 from sigmax.examination.envelope import component_names, envelope, parameters_of
+from sigmax.examination.gauss_newton import Climber
 from sigmax.examination.hypotheses import axes_of, groups_of, hypotheses, moved, natural_steps, noise_at
 from sigmax.examination.report import Examination, Finding
 from sigmax.examination.rounds import Rounds

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sigmax.examination.after import correlated, evidence, needed, unobserved
 from sigmax.examination.alternatives import alternatives, with_starts
-from sigmax.examination.crude import other_linearisations, with_filter
+from sigmax.examination.conclusion import correlated, evidence, needed, unobserved
+from sigmax.examination.linearisations import other_linearisations, with_filter
 from sigmax.examination.manoeuvres import manoeuvres
 from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import (

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sigmax.examination.climb import Start
+from sigmax.examination.gauss_newton import Start
 from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import Candidate, Setup, nis_per_value, normalised
 from sigmax.examination.variants import Innovations, RecordData, Variant
