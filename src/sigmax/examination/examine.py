@@ -11,11 +11,12 @@ from sigmax.errors import InputError
 from sigmax.examination.envelope import component_names, envelope, parameters_of
 from sigmax.examination.gauss_newton import Climber
 from sigmax.examination.hypotheses import axes_of, groups_of, hypotheses, moved, natural_steps, noise_at
+from sigmax.examination.linearisations import judging
 from sigmax.examination.report import Examination, Finding
 from sigmax.examination.rounds import Rounds
 from sigmax.examination.search import Setup
 from sigmax.examination.variants import RecordData, Runner, Variant
-from sigmax.filters import Bank, Filter, once
+from sigmax.filters import Bank, Filter
 from sigmax.models.gaussian import Gaussian
 from sigmax.models.model import Model
 from sigmax.running.adaptive_noises import adapts
@@ -47,7 +48,7 @@ def doctor(
         model: the model, with or without a bias, of one or several sensors.
         prior: as in `run`.
         z: one record (T, m), as in `run`.
-        filter: whose likelihood judges; its update is `once`, whatever it was.
+        filter: whose likelihood judges; weights of its update against outliers are left out, iterations stay.
         dt: as in `run`.
         t: as in `run`.
         t0: as in `run`.
@@ -66,7 +67,7 @@ def doctor(
     chosen = as_filter(filter)
     if why := not_examined(model, chosen):
         raise InputError(why)
-    chosen = replace(chosen, update=once)
+    chosen = judging(chosen)
     times = times_of(t, t0)
     ready = prepare(chosen, model, prior, z, steps_given(dt, t, times), inputs, "float64", update_first, R=R)
     if ready.batch is not None:
