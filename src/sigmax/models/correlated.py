@@ -43,28 +43,15 @@ def correlated(model: Model, S: Any) -> Model:
     Raises:
         InputError: for another shape or sensor; for modes, fused sensors and curved spaces.
     """
-    check_one_mode(model, "correlated")
-    check_flat(model, "correlated")
-    check_added(model, "correlated")
-    if model.bias is not None or model.fusion is not None:
-        raise InputError("correlated wants a model without bias and fusion: write it with sigmax.models.augment first")
-    if model.several != isinstance(S, Mapping):
-        wanted = f"a dict by sensor name, {sorted(model.sensors)}" if model.several else "a matrix (d, m)"
-        raise InputError(f"S must be {wanted}; it is {type(S).__name__}")
-    given: Mapping[str, Any] = S if isinstance(S, Mapping) else {"": S}
     heard = []
-    for s, value in given.items():
-        if s not in model.sensors:
-            raise unknown("sensor", s, model.sensors)
+    for s, value in correlations_of("correlated", model, S).items():
         names = model.measured_deviations(s)
         if names is None:
             raise InputError(f"name the components of the measurement of {s or 'the sensor'}: R is a function")
-        matrix = numbers(f"S[{s!r}]" if s else "S", value)
-        if matrix.shape != (model.dim, len(names)):
-            raise InputError(f"S must have the shape {(model.dim, len(names))}, state by measurement; {matrix.shape}")
         R = model.R[s] if callable(model.R[s]) else by_value(model.R[s])
         space = model.measured_space(s, len(names))
-        heard.append(_Sensor(model.sensors[s], R, space, by_value(matrix), model.sensor_inputs[s]))
+        matrix = by_value(correlation(model, s, value, len(names)))
+        heard.append(_Sensor(model.sensors[s], R, space, matrix, model.sensor_inputs[s]))
     extra = 2 * sum(len(one.S[0]) for one in heard)
     sensors = tuple(heard)
     Q = model.Q if callable(model.Q) else by_value(model.Q)
@@ -76,6 +63,39 @@ def correlated(model: Model, S: Any) -> Model:
         Q=_left(Q, sensors, extra),
         R={s: noise_of_sensor(R, extra) for s, R in model.R.items()},
     )
+
+
+def correlations_of(what: str, model: Model, S: Any) -> Mapping[str, Any]:
+    """S by the name of the sensor, as it was given, of a model that `what` can rewrite.
+
+    Raises:
+        InputError: for a model that it cannot, and for what is not by sensor or names one that is not there.
+    """
+    check_one_mode(model, what)
+    check_flat(model, what)
+    check_added(model, what)
+    if model.bias is not None or model.fusion is not None:
+        raise InputError(f"{what} wants a model without bias and fusion: write it with sigmax.models.augment first")
+    if model.several != isinstance(S, Mapping):
+        wanted = f"a dict by sensor name, {sorted(model.sensors)}" if model.several else "a matrix (d, m)"
+        raise InputError(f"S must be {wanted}; it is {type(S).__name__}")
+    given: Mapping[str, Any] = S if isinstance(S, Mapping) else {"": S}
+    for s in given:
+        if s not in model.sensors:
+            raise unknown("sensor", s, model.sensors)
+    return given
+
+
+def correlation(model: Model, sensor: str, value: Any, size: int) -> Any:
+    """The covariance (d, m) of the motion's noise with that of a sensor of so many components.
+
+    Raises:
+        InputError: for another shape.
+    """
+    matrix = numbers(f"S[{sensor!r}]" if sensor else "S", value)
+    if matrix.shape != (model.dim, size):
+        raise InputError(f"S must have the shape {(model.dim, size)}, state by measurement; {matrix.shape}")
+    return matrix
 
 
 def after(z: Any, u: Any = None) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Noises of motion and of the measurement after it that are correlated: the latter becomes part of the state."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -10,15 +10,14 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from sigmax.algebra.factor import Diagonal
-from sigmax.errors import InputError, unknown
+from sigmax.errors import InputError
 from sigmax.models.bias import joint
-from sigmax.models.checks import numbers
 from sigmax.models.components import Components
 from sigmax.models.constraint import of_part
+from sigmax.models.correlated import correlation, correlations_of
 from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model, check_added, check_flat
+from sigmax.models.model import Model
 from sigmax.models.noise import OF_MOTION, arguments_of, by_value, takes
-from sigmax.models.switching import check_one_mode
 from sigmax.spaces import Flat, product
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -39,32 +38,17 @@ def correlated_at_end(model: Model, prior: Gaussian, S: Any) -> tuple[Model, Gau
     Raises:
         InputError: for another shape or sensor, an R that is a function, modes, fused sensors, curved spaces.
     """
-    check_one_mode(model, "correlated_at_end")
-    check_flat(model, "correlated_at_end")
-    check_added(model, "correlated_at_end")
-    if model.bias is not None or model.fusion is not None:
-        raise InputError("correlated_at_end wants a model without bias and fusion: write it with sigmax.models.augment")
-    if model.several != isinstance(S, Mapping):
-        wanted = f"a dict by sensor name, {sorted(model.sensors)}" if model.several else "a matrix (d, m)"
-        raise InputError(f"S must be {wanted}; it is {type(S).__name__}")
-    given: Mapping[str, Any] = S if isinstance(S, Mapping) else {"": S}
+    given = correlations_of("correlated_at_end", model, S)
     n, matrices, noises = model.size, [], []
     names: list[str] = []
     sensors, R = {s: _seen(h, model.sensor_inputs[s], n, None) for s, h in model.sensors.items()}, dict(model.R)
     for s, value in given.items():
-        if s not in model.sensors:
-            raise unknown("sensor", s, model.sensors)
         measured, where = model.measured_deviations(s), s or "the sensor"
         if measured is None or callable(model.R[s]):
             raise InputError(f"R of {where} is a function: its noise, which is part of the state, takes numbers")
-        matrix = numbers(f"S[{s!r}]" if s else "S", value)
-        if matrix.shape != (model.dim, len(measured)):
-            raise InputError(
-                f"S must have the shape {(model.dim, len(measured))}, state by measurement; {matrix.shape}"
-            )
         at = n + len(names)
         names += [f"noise_{s}_{name}" if s else f"noise_{name}" for name in measured]
-        matrices.append(matrix)
+        matrices.append(correlation(model, s, value, len(measured)))
         noises.append(np.asarray(by_value(model.R[s])))
         sensors[s] = _seen(model.sensors[s], model.sensor_inputs[s], n, (at, n + len(names)))
         R[s] = Diagonal(np.zeros(len(measured)))
