@@ -100,17 +100,18 @@ class Rounds:
         part = whole.first(rows)
         (record,), out = masked(self.setup, [Variant(theta, part)])
         ended = {(a.best.kind, a.best.where) for a in accepted}
+        kinds = {kind for kind, _ in ended}
         as_it_stands = float(log_likelihood(out)[0])
         found = list[Candidate]()
         if rows == stretch(whole):
             some = [a for a in self.some if (a.kind, a.where) not in ended]
-            if np.isfinite(as_it_stands):
-                some += [a for a in manoeuvres(self.setup, out, record) if "manoeuvre" not in {k for k, _ in ended}]
+            if np.isfinite(as_it_stands) and "manoeuvre" not in kinds:
+                some += manoeuvres(self.setup, out, record)
             if not _NEAR < nis_per_value(out, record) < 1 / _NEAR:
                 some += with_starts(self.setup.runner.family, some)
             found += discrete(self.setup, theta, part, some, as_it_stands)
         if np.isfinite(as_it_stands):
-            if not {kind for kind, _ in ended} & set(_SHAPES):
+            if not kinds & set(_SHAPES):
                 found += shapes(self.setup, out, record, part)
             found += continuous(self.setup, theta, record, ended)
         found = [c for c in found if _matters(c)]
