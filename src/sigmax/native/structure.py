@@ -1,5 +1,7 @@
 """Rules of what moves elements about, and of what calls other functions."""
 
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -135,8 +137,16 @@ def _of_algebra(g: Graph, equation: Any, *arrays: Array) -> list[Array]:
 def algebra_written_out(equation: Any) -> ClosedJaxpr:
     """The body of a function of the algebra."""
     p = equation.params
-    specs = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars]
-    return jax.make_jaxpr(lambda *leaves: p["function"](*jax.tree.unflatten(p["tree"], leaves)))(*specs)
+    return _traced_body(p["function"], p["tree"], tuple((v.aval.shape, v.aval.dtype) for v in equation.invars))
+
+
+@functools.lru_cache(maxsize=256)
+def _traced_body(function: Callable[..., Any], tree: Any, leaves: tuple[tuple[Any, Any], ...]) -> ClosedJaxpr:
+    """A step takes the same few bodies many times, and so does the next filter."""
+    specs = [jax.ShapeDtypeStruct(*leaf) for leaf in leaves]
+    # Without calls of functions of NumPy, whose tracing takes twice the time of what they do.
+    with jax.disable_jit():
+        return jax.make_jaxpr(lambda *given: function(*jax.tree.unflatten(tree, given)))(*specs)
 
 
 @rule("cond", parameters="branches", calls=True)
