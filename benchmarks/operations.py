@@ -10,9 +10,9 @@ import sys
 
 import numpy as np
 
+from sigmax.engine.lowered import lowered
 from sigmax.filters import get
-from sigmax.running.lowered import lowered
-from sigmax.running.prepare import Prepared, prepare
+from sigmax.preparation.prepare import Prepared, prepare
 from sigmax.studies import Study, load_studies
 from sigmax.studies.load import parsed_filters
 from sigmax.studies.simulate import sizes

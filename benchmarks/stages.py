@@ -28,10 +28,10 @@ import numpy as np
 
 import sigmax
 from sigmax import Bias, Filter, Gaussian, Model
+from sigmax.engine import native_engine
+from sigmax.engine.lowered import lowered
+from sigmax.preparation.prepare import Prepared, prepare
 from sigmax.rules.linearization import Function, Linearization, Rule
-from sigmax.running import native_engine
-from sigmax.running.lowered import lowered
-from sigmax.running.prepare import Prepared, prepare
 
 SIZES = ((4, 1, 2, 1), (4, 1, 2, 3), (4, 4, 2, 3), (6, 3, 2, 3), (6, 6, 3, 1), (6, 6, 3, 4), (9, 6, 3, 1))
 TRACKS, STEPS, ROUNDS = 256, 20, 30

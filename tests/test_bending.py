@@ -8,7 +8,7 @@ import pytest
 
 import sigmax
 from sigmax.errors import BendingWarning
-from sigmax.running.bending import bending
+from sigmax.preparation.bending import bending
 
 
 def model(r, inputs=False):

@@ -15,8 +15,8 @@ import pytest
 import sigmax
 from sigmax import filterpy as names_of_filterpy
 from sigmax import forms, motions, navigation, sensors
+from sigmax.modelling.parts import Motion, Sensor
 from sigmax.models import terrain
-from sigmax.models.parts import Motion, Sensor
 from sigmax.tracking import Cycle, Detector, Modes, Scan, Tracker, jpda, m_of_n, positions, two_point
 
 CV = motions.constant_velocity(("a",))

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import sigmax
+from sigmax.engine.lowered import Lowered
 from sigmax.fitting import em
 from sigmax.fitting.likelihood import Data, Likelihood, Likelihoods
 from sigmax.fitting.maximum import climb, derivatives
 from sigmax.fitting.search import search_of
-from sigmax.running.lowered import Lowered
 
 
 def walk(parameters):

@@ -10,7 +10,7 @@ import pytest
 
 import sigmax
 from sigmax.errors import FoldingWarning
-from sigmax.running.folding import folding
+from sigmax.preparation.folding import folding
 from sigmax.studies import load_studies
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import sigmax
-from sigmax.running.rows import RowSteps
+from sigmax.engine.rows import RowSteps
 
 PRIOR = sigmax.Gaussian([2.0], [1.0])
 Z = np.array([[1.0], [0.5], [0.25]])

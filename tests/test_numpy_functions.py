@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import sigmax
-from sigmax.running.vectorized import vectorized
+from sigmax.engine.vectorized import vectorized
 from sigmax.tracing import traceable
 from tests.numpy_compositions import drawn
 from tests.numpy_table import FUNCTIONS, XLA_ALONE, A

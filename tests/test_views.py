@@ -16,11 +16,11 @@ from pyarrow import parquet
 
 import sigmax
 from sigmax.fitting import Fit
+from sigmax.modelling.components import components
+from sigmax.modelling.units import units_of
 from sigmax.models import part
-from sigmax.models.components import components
-from sigmax.models.units import units_of
+from sigmax.preparation.layout import Layout
 from sigmax.running import Result, Smoothed
-from sigmax.running.layout import Layout
 from sigmax.spaces import SPACES
 from sigmax.studies import Comparison
 from tests.laws.test_curved import identity
@@ -153,7 +153,7 @@ def test_parquet_and_xarray_keep_numbers_times_and_units(name, tmp_path):
 @pytest.mark.parametrize("name", SOME)
 def test_bands_of_numbers_are_their_deviations_to_first_order(name):
     """Held against draws of the deviation, which know nothing of a derivative."""
-    from sigmax.running.presentation import series
+    from sigmax.results.presentation import series
 
     r = made(name, batch=2, seed=5)
     r = replace(r, stored_factor=r.stored_factor * 1e-4)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import sigmax
+from sigmax.engine.rows import RowSteps
 from sigmax.errors import InputError
 from sigmax.filters import adaptive_Q
-from sigmax.running.rows import RowSteps
 
 F, H = np.array([[1.0, 0.7], [0.0, 0.95]]), np.array([[1.0, 0.0], [0.4, 1.0]])
 Q, R = np.array([[0.06, 0.05], [0.05, 0.1]]), np.array([0.4, 0.9])

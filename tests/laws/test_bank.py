@@ -11,12 +11,12 @@ import pytest
 import sigmax
 from sigmax.algebra.arrays import outer
 from sigmax.filters import Bank, ModeFilters
+from sigmax.functions.current import current_model
+from sigmax.mixtures.bank_steps import BankSteps
+from sigmax.mixtures.merging import merged
+from sigmax.mixtures.mixture import normalised
+from sigmax.mixtures.splitting import bent, split
 from sigmax.running import Fault, contribution
-from sigmax.running.bank_steps import BankSteps
-from sigmax.running.current import current_model
-from sigmax.running.merging import merged
-from sigmax.running.mixture import normalised
-from sigmax.running.splitting import bent, split
 from sigmax.spaces import moments
 
 # Some have too few members on purpose: what they share with others must hold all the same.

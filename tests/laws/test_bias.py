@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import sigmax
-from sigmax.models.evaluate import moving
+from sigmax.engine.rows import RowSteps
+from sigmax.modelling.evaluate import moving
 from sigmax.rules import cubature, gauss_hermite, projected, scaled, sigma_set, simplex
-from sigmax.running.rows import RowSteps
 from tests.laws.problems import DT, Linear
 
 STEPS = 200

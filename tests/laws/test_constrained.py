@@ -9,7 +9,7 @@ from scipy import integrate, stats
 
 import sigmax
 from sigmax.errors import InputError
-from sigmax.running.constraining import truncated
+from sigmax.steps.constraining import truncated
 
 INF = np.inf
 

@@ -6,7 +6,7 @@ import pytest
 
 import sigmax
 from sigmax.filterpy import KalmanFilter
-from sigmax.models.evaluate import noise_root
+from sigmax.modelling.evaluate import noise_root
 
 NOT_ONE = np.array([[0.0, 0.5], [0.5, 1.0]])
 

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sigmax
+from sigmax.live.timeline import Timeline
 from sigmax.models import opaque
-from sigmax.running.timeline import Timeline
 from sigmax.spaces import rotate
 from tests.laws.problems import APART, TURNING_PRIOR, made
 

@@ -233,7 +233,7 @@ def test_several_sensors_agree_and_one_that_is_silent_is_skipped():
 def test_numbers_of_the_noise_are_no_reason_to_compile_again(monkeypatch):
     made, z, _ = record("radar-ct", tracks=1)
     sigmax.run("SREKFB", made.model, made.prior, z, backend="native")
-    monkeypatch.setattr("sigmax.running.lowered.steps", None)
+    monkeypatch.setattr("sigmax.engine.lowered.steps", None)
     other = sigmax.Model(
         motion=made.model.motion,
         sensor=made.model.sensors[""],

@@ -9,10 +9,10 @@ import pytest
 
 import sigmax
 from sigmax.dependence import reading
+from sigmax.engine.lowered import lowered
+from sigmax.engine.vectorized import vectorized
 from sigmax.native import Defect, Graph, Refused, evaluate, interpret, refusal
-from sigmax.running.lowered import lowered
-from sigmax.running.prepare import cast
-from sigmax.running.vectorized import vectorized
+from sigmax.preparation.prepare import cast
 
 PRIOR = sigmax.Gaussian([0.3, 1.0], np.eye(2))
 Z = np.array([[0.2, 0.9], [0.1, 0.8], [0.3, 0.7]])

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 import sigmax
 from sigmax.algebra import arrays, factor
 from sigmax.algebra.kernel import kernels
+from sigmax.engine import traced
 from sigmax.filters import names
 from sigmax.native import Graph, Refused
 from sigmax.native.driver import Rows, driver, over_cores, pointer, series, steps
 from sigmax.native.loops import flat, operations, written
 from sigmax.native.loops.views import Memory, fused, walk
 from sigmax.native.machine import vector_functions
-from sigmax.running import traced
 from tests.native.test_lowering import FUNCTIONS, ROWS
 
 N, M = 6, 3

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import sigmax
-from sigmax.running import steady
-from sigmax.running.current import current_model
-from sigmax.running.lowered import lowered
-from sigmax.running.prepare import as_filter
+from sigmax.engine import steady
+from sigmax.engine.lowered import lowered
+from sigmax.functions.current import current_model
+from sigmax.preparation.prepare import as_filter
 
 F = {
     "turn": np.array([[-0.05, 0.3, 0.0], [-0.3, -0.05, 0.2], [0.0, 0.0, -0.4]]),

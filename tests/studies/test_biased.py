@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import sigmax
-from sigmax.models.augment import augment
+from sigmax.rewriting.augment import augment
 from sigmax.studies.named import NAMED, zhang
 from sigmax.studies.simulate import draw
 from tests.laws import test_bias as biased

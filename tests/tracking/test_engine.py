@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sigmax
-from sigmax.running.rows import RowSteps
+from sigmax.engine.rows import RowSteps
 from sigmax.tracking import Modes, Scan, gnn, pda
 from sigmax.tracking.mixture import firsts, merged
 from tests.tracking.worlds import NOISE, cycle, model, modes, radar_model, world

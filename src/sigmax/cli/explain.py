@@ -7,12 +7,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from sigmax.filters import Bank
+from sigmax.preparation.bending import bending
+from sigmax.preparation.folding import folding
+from sigmax.preparation.joining import modes_of
+from sigmax.preparation.prepare import as_filter
 from sigmax.records import find_model, parse_trial
-from sigmax.running.bending import bending
 from sigmax.running.explain import Explained, explain
-from sigmax.running.folding import folding
-from sigmax.running.joining import modes_of
-from sigmax.running.prepare import as_filter
 
 
 def explain_model(model: str, filter: str, measure: bool) -> None:

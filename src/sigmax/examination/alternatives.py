@@ -10,7 +10,7 @@ import numpy as np
 from sigmax.examination.begin import begun
 from sigmax.examination.envelope import Envelope, component_names, input_names
 from sigmax.examination.variants import RecordData
-from sigmax.models.model import Model
+from sigmax.modelling.model import Model
 
 # What a reading costs that moves the prior, too.
 _WITH_START = 5.0

@@ -7,8 +7,8 @@ from typing import Any
 import jax.numpy as jnp
 
 from sigmax.algebra.factor import Diagonal
-from sigmax.models.model import Model, check_added
-from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of
+from sigmax.modelling.model import Model, check_added
+from sigmax.modelling.noise import OF_MOTION, OF_SENSOR, arguments_of
 
 
 @dataclass(frozen=True)

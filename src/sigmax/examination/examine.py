@@ -17,12 +17,12 @@ from sigmax.examination.rounds import Rounds
 from sigmax.examination.search import Setup
 from sigmax.examination.variants import RecordData, Runner, Variant
 from sigmax.filters import Bank, Filter
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
-from sigmax.running.adaptive_noises import adapts
-from sigmax.running.prepare import Prepared, as_filter, prepare
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
+from sigmax.preparation.prepare import Prepared, as_filter, prepare
+from sigmax.preparation.times import times_of
 from sigmax.running.run import steps_given
-from sigmax.running.times import times_of
+from sigmax.steps.adaptive_noises import adapts
 
 # Fewer values than these, beyond the start, say nothing.
 _FEWEST = 30

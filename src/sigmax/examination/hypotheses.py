@@ -10,8 +10,8 @@ import numpy as np
 from sigmax.algebra.factor import Diagonal
 from sigmax.examination.envelope import Envelope, Parameter
 from sigmax.examination.variants import RecordData
-from sigmax.models.model import Model
-from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of
+from sigmax.modelling.model import Model
+from sigmax.modelling.noise import OF_MOTION, OF_SENSOR, arguments_of
 
 # The longest step of one iteration, by kind: of logarithms and ratios.
 LIMITS = {"Q": 1.5, "R": 1.5, "scale": 0.3, "input gain": 0.5, "rotation": 0.5, "input rotation": 0.5, "clock": 0.3}

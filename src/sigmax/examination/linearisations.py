@@ -8,7 +8,7 @@ from sigmax.dependence import reading
 from sigmax.examination.search import Candidate, Setup, masked
 from sigmax.examination.variants import RecordData, Runner, Variant, log_likelihood
 from sigmax.filters import Filter, Update, get, once
-from sigmax.models.model import Model
+from sigmax.modelling.model import Model
 
 # Of degree 3, of order 2, of degree 5, and iterated.
 _OTHERS = ("CKF", "SOKF", "HCKF", "IEKF")

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sigmax.engine import native_engine, xla_engine
+from sigmax.engine.backend import attempt
 from sigmax.examination.envelope import Envelope
 from sigmax.filters import Filter
-from sigmax.models.gaussian import Gaussian
-from sigmax.running import native_engine, xla_engine
-from sigmax.running.backend import attempt
-from sigmax.running.prepare import Prepared, prepare
-from sigmax.running.result import Result
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.preparation.prepare import Prepared, prepare
+from sigmax.results.result import Result
 
 # Numbers of inputs that one batch may hold, 8 bytes each.
 _MOST = 4e7

@@ -10,24 +10,24 @@ import jax.numpy as jnp
 import numpy as np
 
 import sigmax
+from sigmax.engine.backend import natively
+from sigmax.engine.lowered import with_numbers
 from sigmax.errors import InputError
 from sigmax.export.source import Names, header, identifier, identifiers, source
 from sigmax.export.testing import makefile, test_program
 from sigmax.export.vectors import Rows, filtered, simulated
 from sigmax.filters import Filter
 from sigmax.leftovers import clear_leftovers, part_of
-from sigmax.models.augment import augment
-from sigmax.models.fusion import Fused, name_of, put_together
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
-from sigmax.models.switching import SwitchingModel
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
+from sigmax.modelling.switching import SwitchingModel
 from sigmax.native import Refused
-from sigmax.running.adaptive_noises import adapted_noises
-from sigmax.running.backend import natively
-from sigmax.running.fusing import how
-from sigmax.running.lowered import with_numbers
-from sigmax.running.prepare import as_filter, cast, prepare, run_type
+from sigmax.preparation.fusing import how
+from sigmax.preparation.prepare import as_filter, cast, prepare, run_type
+from sigmax.rewriting.augment import augment
+from sigmax.rewriting.fusion import Fused, name_of, put_together
 from sigmax.signals import undone_by_signal
+from sigmax.steps.adaptive_noises import adapted_noises
 
 
 class Exported(NamedTuple):

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sigmax.engine.lowered import TOLD
 from sigmax.export.c99 import c_function, count
 from sigmax.native.pieces import Program
-from sigmax.running.lowered import TOLD
-from sigmax.running.step import Fault
+from sigmax.steps.step import Fault
 
 
 class Names(NamedTuple):

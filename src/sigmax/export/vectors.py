@@ -9,9 +9,9 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
-from sigmax.models.noise import takes
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
+from sigmax.modelling.noise import takes
 from sigmax.running import run
 
 STEPS, _MOST = 60, 200

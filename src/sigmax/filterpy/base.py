@@ -9,7 +9,7 @@ import numpy as np
 from sigmax.errors import InputError
 from sigmax.filterpy import steps, user_steps
 from sigmax.filterpy.compiled import Corrected, Predicted
-from sigmax.models.checks import numbers
+from sigmax.modelling.checks import numbers
 
 _FLOOR = sys.float_info.min
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from sigmax.algebra.arrays import outer, product, times
 from sigmax.algebra.factor import absorb, inverse_lower, solve_lower, square, tria
+from sigmax.engine.backend import natively
+from sigmax.engine.vectorized import bound
 from sigmax.forms.noise import noise_factor, predict
 from sigmax.native import Refused, Unavailable
 from sigmax.native.calls import extension
 from sigmax.rules.linearization import Linearization
-from sigmax.running.backend import natively
-from sigmax.running.vectorized import bound
 
 # Multiplications, about: beyond it compiling takes longer than a second, and LAPACK is quick enough.
 _LARGEST = 2000

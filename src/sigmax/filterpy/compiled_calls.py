@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from sigmax.engine.backend import natively
+from sigmax.engine.vectorized import bound
 from sigmax.errors import InputError
 from sigmax.filterpy.calls import is_same
 from sigmax.filterpy.watch import watched
 from sigmax.native import Refused, Unavailable
 from sigmax.native.calls import extension
 from sigmax.native.refusal import say_once
-from sigmax.running.backend import natively
-from sigmax.running.vectorized import bound
 from sigmax.tracing import check_alike, traceable
 
 # Multiplications, about: beyond it NumPy is quick enough, and compiling takes longer than seconds.

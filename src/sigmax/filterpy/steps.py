@@ -16,7 +16,7 @@ from scipy.linalg.lapack import dgeqrf, dpotrf
 
 from sigmax.algebra.factor import cholesky
 from sigmax.filterpy.compiled import Corrected, Predicted, correcting, predicting
-from sigmax.models.checks import symmetric_semidefinite
+from sigmax.modelling.checks import symmetric_semidefinite
 
 
 class Line(NamedTuple):

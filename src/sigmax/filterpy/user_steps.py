@@ -11,7 +11,7 @@ from sigmax.errors import InputError
 from sigmax.filterpy.compiled import corrected, predicted
 from sigmax.filterpy.compiled_calls import CompiledCall
 from sigmax.filterpy.points import plain
-from sigmax.models.noise import signature
+from sigmax.modelling.noise import signature
 from sigmax.tracing import traceable
 
 

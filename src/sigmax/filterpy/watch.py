@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from sigmax.functions.reading import read
 from sigmax.native.stable import is_stable
-from sigmax.running.reading import read
 
 # Values that never change.
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), types.BuiltinFunctionType, np.ufunc, np.dtype)

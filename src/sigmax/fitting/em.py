@@ -13,10 +13,10 @@ from sigmax.filters import Filter
 from sigmax.fitting.likelihood import Data, Likelihood
 from sigmax.fitting.noise_factors import with_factor
 from sigmax.fitting.search import Parameters, search_of
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
-from sigmax.models.switching import check_one_mode
-from sigmax.running.prepare import as_filter
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
+from sigmax.modelling.switching import check_one_mode
+from sigmax.preparation.prepare import as_filter
 from sigmax.running.run import run
 from sigmax.running.smooth import smooth
 

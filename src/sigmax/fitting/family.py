@@ -13,13 +13,13 @@ from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.fitting.search import Parameters, Search
-from sigmax.models.augment import augment
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
-from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of
-from sigmax.models.switching import SwitchingModel
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
+from sigmax.modelling.noise import OF_MOTION, OF_SENSOR, arguments_of
+from sigmax.modelling.switching import SwitchingModel
 from sigmax.native import Refused
 from sigmax.native.refusal import user_line
+from sigmax.rewriting.augment import augment
 
 Build = Callable[[Parameters], tuple[Model, Gaussian]]
 

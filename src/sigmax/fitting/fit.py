@@ -14,7 +14,7 @@ from sigmax.fitting.likelihood import Data, Likelihoods, first_fault
 from sigmax.fitting.maximum import climb
 from sigmax.fitting.result import Fit
 from sigmax.fitting.search import Parameters, search_of
-from sigmax.running.prepare import as_filter
+from sigmax.preparation.prepare import as_filter
 
 
 def fit(

@@ -16,7 +16,7 @@ from sigmax.fitting.family import Build
 from sigmax.fitting.likelihood import Data, Likelihoods
 from sigmax.fitting.maximum import Summit, climb
 from sigmax.fitting.search import Parameters, Search
-from sigmax.models.checks import numbers
+from sigmax.modelling.checks import numbers
 
 # Places of the lattice, refinements, and sweeps where there are several numbers.
 _PLACES, _REFINED, _SWEEPS = 7, 6, 2

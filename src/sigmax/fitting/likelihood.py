@@ -10,17 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.compiling import compiled
+from sigmax.engine import native_engine, xla_engine
+from sigmax.engine.backend import attempt
 from sigmax.filters import Filter
 from sigmax.fitting.family import Build, built, depends, family_of
 from sigmax.fitting.search import Search
-from sigmax.models.bias import joint
-from sigmax.models.checks import is_traced, numbers
-from sigmax.models.model import Model
+from sigmax.functions.current import current
+from sigmax.modelling.bias import joint
+from sigmax.modelling.checks import is_traced, numbers
+from sigmax.modelling.model import Model
 from sigmax.native.fingerprint import fingerprint
-from sigmax.running import native_engine, xla_engine
-from sigmax.running.backend import attempt
-from sigmax.running.current import current
-from sigmax.running.prepare import as_filter, prepare
+from sigmax.preparation.prepare import as_filter, prepare
 from sigmax.running.run import run
 
 # Numbers of inputs that one batch may hold, 8 bytes each.

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from sigmax.algebra.factor import Diagonal
-from sigmax.models.model import Model
-from sigmax.models.noise import OF_MOTION, OF_SENSOR, arguments_of, arrays_of, takes
-from sigmax.models.switching import SwitchingModel
+from sigmax.modelling.model import Model
+from sigmax.modelling.noise import OF_MOTION, OF_SENSOR, arguments_of, arrays_of, takes
+from sigmax.modelling.switching import SwitchingModel
 
 Place = tuple[str | int, ...]
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.models.checks import finite, numbers, strings
+from sigmax.modelling.checks import finite, numbers, strings
 
 Parameters = dict[str, Any]
 # A number in a box is searched from so near its bounds on.

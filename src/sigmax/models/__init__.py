@@ -1,23 +1,23 @@
 """Models: what moves, what is seen, and how uncertain both are."""
 
+from sigmax.modelling.bias import Bias
+from sigmax.modelling.components import angle, direction, extended_pose, part, pose2, pose3, rotation
+from sigmax.modelling.constraint import constrain
+from sigmax.modelling.derivatives import with_derivatives
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.imm import imm
+from sigmax.modelling.inside import inside
+from sigmax.modelling.model import Model
+from sigmax.modelling.opaque import opaque
+from sigmax.modelling.parts import Motion, Sensor
+from sigmax.modelling.switching import SwitchingModel
 from sigmax.models import earth, motions, navigation, sensors
-from sigmax.models.augment import augment
-from sigmax.models.bias import Bias
-from sigmax.models.components import angle, direction, extended_pose, part, pose2, pose3, rotation
-from sigmax.models.constraint import constrain
-from sigmax.models.correlated import after, correlated, shifted
-from sigmax.models.correlated_at_end import correlated_at_end
-from sigmax.models.derivatives import with_derivatives
-from sigmax.models.fusion import fused
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.imm import imm
-from sigmax.models.inside import inside
-from sigmax.models.model import Model
-from sigmax.models.opaque import opaque
-from sigmax.models.parts import Motion, Sensor
 from sigmax.models.sde import sde
-from sigmax.models.switching import SwitchingModel
 from sigmax.models.terrain import Elevation, inertial_errors, radio_altimeter
+from sigmax.rewriting.augment import augment
+from sigmax.rewriting.correlated import after, correlated, shifted
+from sigmax.rewriting.correlated_at_end import correlated_at_end
+from sigmax.rewriting.fusion import fused
 
 __all__ = [
     "Bias",

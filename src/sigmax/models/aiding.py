@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.arguments import number_of
-from sigmax.models.checks import finite, members, numbers
-from sigmax.models.components import direction
-from sigmax.models.parts import Sensor, made_once
+from sigmax.modelling.arguments import number_of
+from sigmax.modelling.checks import finite, members, numbers
+from sigmax.modelling.components import direction
+from sigmax.modelling.parts import Sensor, made_once
 from sigmax.spaces import conjugate, cross, rotate
 from sigmax.spaces.quaternions import squared
 

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.errors import unknown
+from sigmax.modelling.bias import Bias
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
+from sigmax.modelling.parts import Motion, Sensor
 from sigmax.models import motions, sensors
-from sigmax.models.bias import Bias
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
-from sigmax.models.parts import Motion, Sensor
 from sigmax.models.terrain import hills, inertial_errors, radio_altimeter
 
 

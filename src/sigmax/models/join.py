@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.checks import numbers
-from sigmax.models.noise import arrays_of, takes
-from sigmax.models.parts import Motion, made_once
+from sigmax.modelling.checks import numbers
+from sigmax.modelling.noise import arrays_of, takes
+from sigmax.modelling.parts import Motion, made_once
 from sigmax.tracing import traceable
 
 

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.models.arguments import names_of, place_of, positive
-from sigmax.models.checks import numbers
-from sigmax.models.components import angle
+from sigmax.modelling.arguments import names_of, place_of, positive
+from sigmax.modelling.checks import numbers
+from sigmax.modelling.components import angle
+from sigmax.modelling.noise import of_each, on_diagonal, squares
+from sigmax.modelling.parts import Motion, made_once
 from sigmax.models.join import join
-from sigmax.models.noise import of_each, on_diagonal, squares
-from sigmax.models.parts import Motion, made_once
 from sigmax.models.quadratic import quadratic_function
 from sigmax.models.smooth import cosc, decay, decay2, sinc
 

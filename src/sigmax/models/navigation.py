@@ -13,6 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.modelling.arguments import names_of, number_of, place_of
+from sigmax.modelling.components import extended_pose
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.noise import of_each
+from sigmax.modelling.parts import Motion, made_once
 from sigmax.models.aiding import (
     ACCELEROMETER_BIAS,
     ATTITUDE,
@@ -31,11 +36,6 @@ from sigmax.models.aiding import (
     specific_force,
     vector,
 )
-from sigmax.models.arguments import names_of, number_of, place_of
-from sigmax.models.components import extended_pose
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.noise import of_each
-from sigmax.models.parts import Motion, made_once
 from sigmax.spaces import conjugate, cross, exponential, from_roll_pitch_yaw, multiply, rotate
 from sigmax.spaces.quaternions import squared, stumpff
 

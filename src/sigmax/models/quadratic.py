@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.checks import finite, numbers
+from sigmax.modelling.checks import finite, numbers
 
 
 def quadratic_function(

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.arguments import place_of, places_of, point_of, positive
-from sigmax.models.checks import numbers
-from sigmax.models.components import angle
-from sigmax.models.parts import Sensor, made_once
+from sigmax.modelling.arguments import place_of, places_of, point_of, positive
+from sigmax.modelling.checks import numbers
+from sigmax.modelling.components import angle
+from sigmax.modelling.parts import Sensor, made_once
 from sigmax.models.smooth import direction, length
 
 # The speed of light, m/s, and the rate of the Earth, rad/s: IS-GPS-200.

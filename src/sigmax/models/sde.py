@@ -9,10 +9,10 @@ import numpy as np
 
 from sigmax.algebra.arrays import diagonal
 from sigmax.errors import InputError
-from sigmax.models.arguments import names_of, not_negative, number_of
-from sigmax.models.checks import finite, is_traced, members, numbers
-from sigmax.models.noise import takes
-from sigmax.models.parts import Motion, made_once
+from sigmax.modelling.arguments import names_of, not_negative, number_of
+from sigmax.modelling.checks import finite, is_traced, members, numbers
+from sigmax.modelling.noise import takes
+from sigmax.modelling.parts import Motion, made_once
 from sigmax.tracing import traceable
 
 Field = Callable[[jax.Array], jax.Array]

@@ -10,10 +10,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from sigmax.models.arguments import names_of, place_of, places_of, point_of
-from sigmax.models.checks import members
-from sigmax.models.components import angle
-from sigmax.models.parts import Sensor, made_once
+from sigmax.modelling.arguments import names_of, place_of, places_of, point_of
+from sigmax.modelling.checks import members
+from sigmax.modelling.components import angle
+from sigmax.modelling.parts import Sensor, made_once
 from sigmax.models.quadratic import quadratic_function
 from sigmax.models.receivers import (
     azimuth_elevation,

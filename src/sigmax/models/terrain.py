@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.models.checks import numbers
-from sigmax.models.noise import squares
-from sigmax.models.parts import Motion, Sensor, made_once
+from sigmax.modelling.checks import numbers
+from sigmax.modelling.noise import squares
+from sigmax.modelling.parts import Motion, Sensor, made_once
 from sigmax.tracing import traceable
 
 METHODS = ("bilinear", "bicubic")

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.modelling.bias import joint
+from sigmax.modelling.switching import check_one_mode
 from sigmax.models import Gaussian, Model
-from sigmax.models.augment import augment
-from sigmax.models.bias import joint
-from sigmax.models.switching import check_one_mode
 from sigmax.records.record import Record
+from sigmax.rewriting.augment import augment
 from sigmax.running.start import PoorFit, Undetermined, start
 
 # What a description and the command line say.

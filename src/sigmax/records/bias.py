@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
+from sigmax.modelling.noise import arrays_of, takes
 from sigmax.models import Bias, Gaussian
-from sigmax.models.noise import arrays_of, takes
 from sigmax.records.description import BiasPart
 from sigmax.records.sensor import Sensing
 from sigmax.records.units import ANGLE, NUMBER, Dimension, is_below, quantity

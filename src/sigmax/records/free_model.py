@@ -9,8 +9,8 @@ from pydantic import BaseModel
 
 from sigmax.fitting import Build
 from sigmax.fitting.noise_factors import with_factor
+from sigmax.modelling.noise import arrays_of
 from sigmax.models import Gaussian, Model
-from sigmax.models.noise import arrays_of
 from sigmax.records.description import Description, read_toml
 from sigmax.records.free_numbers import Number, Place
 from sigmax.records.landmarks import with_landmark_inputs

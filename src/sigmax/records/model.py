@@ -8,8 +8,8 @@ from typing import Any
 import jax
 
 from sigmax.errors import InputError, unknown
+from sigmax.modelling.noise import takes
 from sigmax.models import Model, motions
-from sigmax.models.noise import takes
 from sigmax.records.bias import read_bias
 from sigmax.records.bounds import bounded
 from sigmax.records.built import Built, Input

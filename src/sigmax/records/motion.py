@@ -3,8 +3,8 @@
 from typing import Any, NamedTuple
 
 from sigmax.errors import InputError, unknown
+from sigmax.modelling.components import angle
 from sigmax.models import Motion, motions
-from sigmax.models.components import angle
 from sigmax.records.description import MotionPart
 from sigmax.records.noise import read_noise
 from sigmax.records.units import (

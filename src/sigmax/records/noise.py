@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from sigmax.errors import InputError, unknown
-from sigmax.models.checks import is_traced, numbers
-from sigmax.models.noise import squares
+from sigmax.modelling.checks import is_traced, numbers
+from sigmax.modelling.noise import squares
 from sigmax.records.description import Column
 from sigmax.records.toml_errors import in_words
 from sigmax.records.units import Dimension, is_below, quantity

@@ -8,7 +8,7 @@ import pandas as pd
 
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
-from sigmax.models.switching import SwitchingModel
+from sigmax.modelling.switching import SwitchingModel
 from sigmax.records.built import Built
 from sigmax.records.description import read_toml
 from sigmax.records.local import MADE, frame_of, local_columns, placed, with_local

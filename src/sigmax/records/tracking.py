@@ -8,15 +8,15 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter
-from sigmax.models.model import Model
+from sigmax.modelling.model import Model
 from sigmax.native.refusal import user_line
+from sigmax.preparation.prepare import prepare
 from sigmax.records.record import Record, Trial
+from sigmax.results.result import Result
 from sigmax.rules import SigmaPoints
-from sigmax.running.prepare import prepare
-from sigmax.running.result import Result
 from sigmax.running.run import run
 from sigmax.running.tails import fit_tails
-from sigmax.running.updating import update_on
+from sigmax.steps.updating import update_on
 
 _KEPT = ("mean", "factor", "fault", "nis", "dof")
 # A run longer than this is not repeated to measure it without its compilation.

@@ -5,8 +5,8 @@ import re
 from typing import Any, NamedTuple
 
 from sigmax.errors import InputError, unknown
-from sigmax.models.checks import is_traced
-from sigmax.running.intervals import SECONDS
+from sigmax.modelling.checks import is_traced
+from sigmax.preparation.intervals import SECONDS
 
 
 class Dimension(NamedTuple):

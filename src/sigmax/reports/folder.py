@@ -24,7 +24,7 @@ from sigmax.reports.replaced import replaced
 from sigmax.reports.score import Score
 from sigmax.reports.told import told
 from sigmax.reports.verdict import verdict
-from sigmax.running.adaptive_noises import scales
+from sigmax.steps.adaptive_noises import scales
 
 FILES = ("estimates.parquet", "summary.json", "report.html")
 

@@ -8,8 +8,8 @@ import numpy as np
 
 import sigmax
 from sigmax.algebra.factor import Diagonal
+from sigmax.modelling.noise import Noise
 from sigmax.models import SwitchingModel
-from sigmax.models.noise import Noise
 from sigmax.records import Outcome, Record
 from sigmax.reports.document import (
     choices,

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import chdtr, chdtri, ndtri
 
 from sigmax.algebra.factor import Diagonal
+from sigmax.modelling.noise import takes
 from sigmax.models import Model, SwitchingModel
-from sigmax.models.noise import takes
 from sigmax.records import Outcome, Record
 from sigmax.reports.shares import outside_if, ratio_bounds, share_bounds
 from sigmax.reports.told import row_of, told

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.records import Record
+from sigmax.results.weighing import weights, whitened
 from sigmax.running import Result
-from sigmax.running.weighing import weights, whitened
 
 # What counts as taken by less than half.
 _HALF = 0.5

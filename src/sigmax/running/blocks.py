@@ -8,9 +8,9 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
-from sigmax.running.result import Result
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
+from sigmax.results.result import Result
 from sigmax.running.run import run
 
 # Axes of what is given by track, that of the tracks being the first; R is told by its second, which is time.

@@ -10,16 +10,16 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter, of_one_belief
-from sigmax.models.augment import augment
-from sigmax.models.checks import is_traced
-from sigmax.models.model import Model
-from sigmax.models.switching import check_one_mode
-from sigmax.running.constraining import conditioned
-from sigmax.running.current import current_model
-from sigmax.running.prepare import as_filter, cast
+from sigmax.functions.current import current_model
+from sigmax.modelling.checks import is_traced
+from sigmax.modelling.model import Model
+from sigmax.modelling.switching import check_one_mode
+from sigmax.preparation.prepare import as_filter, cast
+from sigmax.results.smoothed import Smoothed
+from sigmax.rewriting.augment import augment
 from sigmax.running.smooth import check_layout
-from sigmax.running.smoothed import Smoothed
-from sigmax.running.step import Fault
+from sigmax.steps.constraining import conditioned
+from sigmax.steps.step import Fault
 
 Estimates = TypeVar("Estimates", bound=Smoothed)
 

@@ -8,17 +8,17 @@ import jax
 import jax.numpy as jnp
 
 from sigmax.dependence import Plan, complexity, permutation, reading, total_cost, weight_matrix
+from sigmax.engine.linearizing import seconds_of
 from sigmax.errors import InputError
 from sigmax.filters import Filter
-from sigmax.models.augment import with_bias
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model, check_flat
-from sigmax.models.switching import SwitchingModel
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model, check_flat
+from sigmax.modelling.switching import SwitchingModel
+from sigmax.preparation.joining import modes_of
+from sigmax.preparation.prepare import as_filter
+from sigmax.rewriting.augment import with_bias
 from sigmax.rules import Marginal, Rule, SigmaPoints
 from sigmax.rules.taylor import order_of
-from sigmax.running.joining import modes_of
-from sigmax.running.linearizing import seconds_of
-from sigmax.running.prepare import as_filter
 
 # Points of a set up to which a linearisation is compiled to be timed.
 LONGEST = 100

@@ -8,8 +8,8 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter, get
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
 from sigmax.running.run import run
 
 

@@ -6,19 +6,19 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.engine import native_engine, xla_engine
+from sigmax.engine.backend import attempt
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Bank, Filter
-from sigmax.models.checks import is_traced, strings
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
-from sigmax.running import native_engine, xla_engine
-from sigmax.running.adaptive_noises import adapted_noises
-from sigmax.running.backend import attempt
-from sigmax.running.fusing import how, with_members
-from sigmax.running.prepare import Prepared, as_filter, prepare
-from sigmax.running.result import PARTS, Result
-from sigmax.running.times import Times, later, times_of
-from sigmax.running.updating import update_on
+from sigmax.modelling.checks import is_traced, strings
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
+from sigmax.preparation.fusing import how, with_members
+from sigmax.preparation.prepare import Prepared, as_filter, prepare
+from sigmax.preparation.times import Times, later, times_of
+from sigmax.results.result import PARTS, Result
+from sigmax.steps.adaptive_noises import adapted_noises
+from sigmax.steps.updating import update_on
 
 
 def run(

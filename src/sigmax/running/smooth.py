@@ -2,29 +2,22 @@
 
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.compiling import compiled, tracing
+from sigmax.engine.backwards import backwards, check_smoothed
 from sigmax.errors import InputError
-from sigmax.filters import Filter, of_one_belief
-from sigmax.models.augment import augment
-from sigmax.models.checks import is_traced
-from sigmax.models.model import Model
-from sigmax.running import native_engine
-from sigmax.running.adaptive_noises import adapted_noises
-from sigmax.running.backend import attempt
-from sigmax.running.current import current_model
-from sigmax.running.half_steps import back_steps
-from sigmax.running.joining import modes_of
-from sigmax.running.layout import Layout
-from sigmax.running.packing import Packing
-from sigmax.running.prepare import as_filter, cast, laid_out_steps
-from sigmax.running.result import Result
-from sigmax.running.smoothed import Smoothed
-from sigmax.running.times import times_of
-from sigmax.running.xla_engine import batch_first, batch_last
+from sigmax.filters import Filter
+from sigmax.functions.current import current_model
+from sigmax.modelling.checks import is_traced
+from sigmax.modelling.model import Model
+from sigmax.preparation.joining import modes_of
+from sigmax.preparation.layout import Layout
+from sigmax.preparation.prepare import as_filter, cast, laid_out_steps
+from sigmax.preparation.times import times_of
+from sigmax.results.result import Result
+from sigmax.results.smoothed import Smoothed
+from sigmax.rewriting.augment import augment
+from sigmax.steps.adaptive_noises import adapted_noises
 
 
 def smooth(
@@ -84,42 +77,6 @@ def smooth(
     return Smoothed(result.layout, *made, stored_dt=result.stored_dt, stored_time=result.stored_time)
 
 
-def check_smoothed(filter: Filter) -> None:
-    """Refuse a filter whose estimates cannot be smoothed.
-
-    Raises:
-        InputError: where it considers components: its errors depend on all measurements by way of these, and a step
-            backwards takes them for those of a filter that has used all it was told.
-    """
-    if filter.consider:
-        raise InputError(
-            f"{filter.name} considers {', '.join(filter.consider)}, and smoothing takes every component as estimated: "
-            "run and smooth the same filter without consider="
-        )
-
-
-def backwards(
-    filter: Filter, model: Model, kept: Any, dt: Any, u: Any, batched: bool, traced: bool, backend: str | None
-) -> tuple[Any, Any, Any, Any]:
-    """Smoothed means, factors, faults and modes of filtered ones, all with the batch first; the arguments checked."""
-    filter = of_one_belief(filter)
-    kept = kept if Packing.of(filter, model).tail else (*kept[:3], None)
-
-    def with_xla() -> Any:
-        mean, factor, fault, rest = (None if a is None else batch_last(a, a.ndim - batched) for a in kept)
-        steps = batch_last(dt, 1), None if u is None else batch_last(u, 2)
-        made = (_backwards if traced or tracing() else _compiled_backwards)(
-            filter, model, mean, factor, fault, rest, *steps
-        )
-        return jax.tree.map(batch_first if batched else jnp.asarray if traced else np.asarray, made)
-
-    def natively() -> Any:
-        return native_engine.smoother(filter, model, 0 if u is None else u.shape[-1], kept[0].dtype)(kept, dt, u)
-
-    made: tuple[Any, Any, Any, Any] = attempt(backend, traced, natively, with_xla)
-    return made
-
-
 def check_layout(model: Model, ran: Layout, bias_first: bool) -> None:
     """Refuse a model of other components than the run, and a filter that carries them in another order."""
     here = Layout.of(model, ran.batched, bias_first)
@@ -146,26 +103,3 @@ def _check_same(what: str, given: Any, ran: Any, core: int) -> None:
     # One for all tracks, or one for each; in other units of time the last digits may have been rounded another way.
     if ours.shape != theirs.shape[-ours.ndim :] or not np.allclose(ours, theirs, rtol=1e-6, atol=0):
         raise InputError(f"{what} must be those of the run, from which they are taken where {what}= is left out")
-
-
-def _backwards(
-    filter: Filter, model: Model, mean: Any, factor: Any, fault: Any, rest: Any, dt: Any, u: Any
-) -> tuple[Any, Any, Any, Any]:
-    steps, packing = back_steps(filter, model), Packing.of(filter, model)
-    arrays = [mean, factor, *packing.behind(rest)]
-
-    def step(later: Any, at: Any) -> tuple[Any, Any]:
-        now, next_fault, next_dt, next_u = at
-        new, failed = steps.back(packing.belief(now), later, next_fault, next_dt, next_u)
-        return new, (packing.arrays(new), failed)
-
-    last = packing.belief([a[-1] for a in arrays])
-    inputs = None if u is None else u[1:]
-    _, (made, failed) = jax.lax.scan(step, last, ([a[:-1] for a in arrays], fault[1:], dt[1:], inputs), reverse=True)
-    all_steps = [jnp.concatenate([a, b[-1:]]) for a, b in zip(made, arrays, strict=True)]
-    failed = jnp.concatenate([failed, jnp.zeros_like(fault[-1:])])
-    behind = jax.vmap(packing.rest)(packing.belief(all_steps)) if packing.tail else None
-    return all_steps[0], all_steps[1], failed, behind
-
-
-_compiled_backwards = compiled(_backwards, static=(0,))

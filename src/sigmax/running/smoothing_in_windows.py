@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from sigmax.engine.backwards import backwards, check_smoothed
 from sigmax.errors import InputError
 from sigmax.filters import Filter, of_one_belief
-from sigmax.models.checks import is_traced
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
-from sigmax.models.switching import check_one_mode
-from sigmax.running.adaptive_noises import adapts
-from sigmax.running.current import current_model
-from sigmax.running.prepare import as_filter, cast
-from sigmax.running.result import Result
+from sigmax.functions.current import current_model
+from sigmax.modelling.checks import is_traced
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
+from sigmax.modelling.switching import check_one_mode
+from sigmax.preparation.prepare import as_filter, cast
+from sigmax.results.result import Result
+from sigmax.results.smoothed import Smoothed
 from sigmax.running.run import run
-from sigmax.running.smooth import backwards, check_smoothed
-from sigmax.running.smoothed import Smoothed
+from sigmax.steps.adaptive_noises import adapts
 
 _KEPT = ("mean", "factor", "fault")
 

@@ -11,16 +11,16 @@ import numpy as np
 
 from sigmax.algebra.factor import dense, pivoted, solve_lower
 from sigmax.errors import InputError, unknown
-from sigmax.models.checks import numbers
-from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
-from sigmax.models.switching import check_one_mode
-from sigmax.running.current import current_model
-from sigmax.running.functions import check_functions
-from sigmax.running.measurements import measurements_of, steps_of
-from sigmax.running.prepare import cast, laid_out_steps
-from sigmax.running.updating import there
+from sigmax.functions.current import current_model
+from sigmax.functions.functions import check_functions
+from sigmax.modelling.checks import numbers
+from sigmax.modelling.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
+from sigmax.modelling.switching import check_one_mode
+from sigmax.preparation.measurements import measurements_of, steps_of
+from sigmax.preparation.prepare import cast, laid_out_steps
+from sigmax.steps.updating import there
 
 # Below this part of the largest singular value a direction is not determined: a variance 10¹² times that of another.
 _RANK = 1e-6

@@ -8,12 +8,12 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter, Update, by_sensor, robust
-from sigmax.models.checks import numbers
-from sigmax.models.gaussian import Gaussian
-from sigmax.models.model import Model
-from sigmax.running.prepare import as_filter
+from sigmax.modelling.checks import numbers
+from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
+from sigmax.preparation.prepare import as_filter
 from sigmax.running.run import run
-from sigmax.running.updating import update_on
+from sigmax.steps.updating import update_on
 
 # Degrees of freedom from which tails are Gaussian for any practical purpose are "once".
 DEGREES = (0.5, 1.0, 2.0, 4.0, 8.0)

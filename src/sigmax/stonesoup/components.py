@@ -15,12 +15,12 @@ from stonesoup.types.state import GaussianState, SqrtGaussianState, State, State
 from stonesoup.types.update import Update
 from stonesoup.updater.base import Updater
 
+from sigmax.engine.rows import RowSteps
 from sigmax.errors import InputError
 from sigmax.filters import Filter
+from sigmax.modelling.checks import numbers, symmetric_semidefinite
 from sigmax.models import Model, angle
-from sigmax.models.checks import numbers, symmetric_semidefinite
-from sigmax.running.prepare import as_filter
-from sigmax.running.rows import RowSteps
+from sigmax.preparation.prepare import as_filter
 from sigmax.stonesoup.translate import Seen, motion_of, sensor_of
 
 

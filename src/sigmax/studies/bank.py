@@ -4,9 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.arrays import wrapped
+from sigmax.engine.vectorized import vectorized
 from sigmax.models import Gaussian
 from sigmax.running.run import run
-from sigmax.running.vectorized import vectorized
 from sigmax.studies.simulate import Drawn, root_of
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Estimated

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from sigmax.engine.backend import BACKENDS
 from sigmax.errors import InputError
 from sigmax.filters import Bank, Filter, ModeFilters, get
+from sigmax.modelling.model import check_flat
+from sigmax.modelling.switching import SwitchingModel
 from sigmax.models import Gaussian
-from sigmax.models.model import check_flat
-from sigmax.models.switching import SwitchingModel
 from sigmax.native.fingerprint import fingerprint
-from sigmax.running.backend import BACKENDS
-from sigmax.running.folding import folding
+from sigmax.preparation.folding import folding
 from sigmax.running.run import run
 from sigmax.studies.simulate import sizes
 from sigmax.studies.study import Study

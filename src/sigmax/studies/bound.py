@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.factor import Diagonal
+from sigmax.engine.vectorized import vectorized
+from sigmax.modelling.evaluate import moving, sensing
+from sigmax.modelling.noise import OF_MOTION, takes
 from sigmax.models import Model, SwitchingModel
-from sigmax.models.evaluate import moving, sensing
-from sigmax.models.noise import OF_MOTION, takes
-from sigmax.running.vectorized import vectorized
 from sigmax.studies.simulate import Drawn
 from sigmax.studies.study import Study
 

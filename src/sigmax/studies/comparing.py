@@ -13,8 +13,8 @@ from joblib.parallel import get_active_backend
 
 from sigmax.errors import BendingWarning, FoldingWarning
 from sigmax.filters import Filter, get
-from sigmax.models.model import check_flat
-from sigmax.models.switching import check_one_mode
+from sigmax.modelling.model import check_flat
+from sigmax.modelling.switching import check_one_mode
 from sigmax.studies.beforehand import check, chosen_filters, folding_notes, settings_of, yardsticks
 from sigmax.studies.bound import absent, bound
 from sigmax.studies.comparison import Comparison, Optimum

@@ -8,16 +8,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.engine.timing import seconds
 from sigmax.filters import Filter
+from sigmax.modelling.evaluate import moving, sensing
 from sigmax.models import Model, SwitchingModel
-from sigmax.models.augment import augment
-from sigmax.models.evaluate import moving, sensing
+from sigmax.preparation.prepare import as_filter, prepare
+from sigmax.rewriting.augment import augment
 from sigmax.rules import Marginal, SigmaPoints
 from sigmax.rules.linearization import Function, Rule
 from sigmax.rules.taylor import order_of
-from sigmax.running.prepare import as_filter, prepare
-from sigmax.running.timing import seconds
-from sigmax.running.updating import update_on
+from sigmax.steps.updating import update_on
 from sigmax.studies.simulate import draw
 from sigmax.studies.study import Study
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from sigmax.algebra.arrays import times, wrap, wrapped
 from sigmax.algebra.factor import cholesky, dense, inverse_lower, solve_lower, square
+from sigmax.engine.vectorized import vectorized
+from sigmax.modelling.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
 from sigmax.models import Model
-from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
-from sigmax.running.step import Fault
-from sigmax.running.vectorized import vectorized
+from sigmax.steps.step import Fault
 from sigmax.studies.simulate import Drawn, mover, root_of, sizes
 from sigmax.studies.study import Study
 from sigmax.studies.sums import Estimated

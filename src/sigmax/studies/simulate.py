@@ -10,9 +10,9 @@ import numpy as np
 
 from sigmax.algebra.arrays import times
 from sigmax.algebra.factor import Diagonal, Matrix, cholesky
+from sigmax.engine.vectorized import vectorized
+from sigmax.modelling.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
 from sigmax.models import Model, SwitchingModel
-from sigmax.models.evaluate import motion_noise, moving, noise_root, sensing, sensor_noise
-from sigmax.running.vectorized import vectorized
 from sigmax.studies.study import Study
 from sigmax.studies.turns import first_mode, moving_in_turn, sensing_in_turn
 from sigmax.tracing import traceable

@@ -9,11 +9,11 @@ import numpy as np
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
+from sigmax.modelling.checks import finite, numbers
+from sigmax.modelling.model import check_added, check_flat
+from sigmax.modelling.switching import check_one_mode
 from sigmax.models import Gaussian, Model
-from sigmax.models.augment import with_bias
-from sigmax.models.checks import finite, numbers
-from sigmax.models.model import check_added, check_flat
-from sigmax.models.switching import check_one_mode
+from sigmax.rewriting.augment import with_bias
 
 # What a start may be estimated by; a function (x0, w) -> mean besides.
 ESTIMATES = ("prior", "drawn")

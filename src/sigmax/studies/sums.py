@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.arrays import outer, wrap
-from sigmax.running.step import Fault
-from sigmax.running.vectorized import totals
+from sigmax.engine.vectorized import totals
 from sigmax.spaces import Space, errors
+from sigmax.steps.step import Fault
 from sigmax.studies.claims import claims_of
 
 # Why a run is lost; the first that applies counts.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.models.parts import made_once
+from sigmax.modelling.parts import made_once
 from sigmax.tracking.associate import Evidence, existence_after
 from sigmax.tracking.global_hypotheses import global_hypotheses
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.models.checks import numbers
+from sigmax.modelling.checks import numbers
 from sigmax.tracking import life as lives
 from sigmax.tracking.associate import Associate, Evidence, gnn
 from sigmax.tracking.branches import Branches, MultiHypothesis

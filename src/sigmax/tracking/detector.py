@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
-from sigmax.models.noise import Noise
-from sigmax.models.parts import made_once
+from sigmax.modelling.noise import Noise
+from sigmax.modelling.parts import made_once
 
 
 class Scan(NamedTuple):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sigmax.errors import InputError
-from sigmax.models.parts import made_once
+from sigmax.modelling.parts import made_once
 from sigmax.tracking.detector import Located
 from sigmax.tracking.initiate import Births, Free, Initiate, with_velocity
 from sigmax.tracking.mixture import merged, summed

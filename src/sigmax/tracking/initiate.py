@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sigmax.errors import InputError
-from sigmax.models.model import Model
-from sigmax.models.parts import made_once
+from sigmax.modelling.model import Model
+from sigmax.modelling.parts import made_once
 from sigmax.tracking.detector import Located
 
 

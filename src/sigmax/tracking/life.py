@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sigmax.errors import InputError
-from sigmax.models.parts import made_once
+from sigmax.modelling.parts import made_once
 from sigmax.tracking.modes import Beliefs
 
 _REMEMBERED = 64

@@ -7,11 +7,11 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.special import logsumexp
 
+from sigmax.engine.rows import RowSteps
 from sigmax.errors import InputError
 from sigmax.filters import Filter
-from sigmax.models.checks import members, numbers
-from sigmax.models.model import Model, check_flat
-from sigmax.running.rows import RowSteps
+from sigmax.modelling.checks import members, numbers
+from sigmax.modelling.model import Model, check_flat
 from sigmax.tracking.mixture import merged, summed
 
 # No mode is less probable: a target may always begin to do what it has not done for long.

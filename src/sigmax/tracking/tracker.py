@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.running.timeline import Entry, Timeline
+from sigmax.live.timeline import Entry, Timeline
 from sigmax.tracking.cycle import Cycle
 from sigmax.tracking.detector import Scan
 from sigmax.tracking.state import State, Told

@@ -1,0 +1,1 @@
+"""What a run leaves behind: estimates over time, innovations, covariances, and how they are shown."""
