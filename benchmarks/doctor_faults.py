@@ -109,13 +109,15 @@ def wrong_inputs(change: Callable[[np.ndarray], np.ndarray]) -> Any:
     return lambda world, d, rng: Faulty(world._replace(inputs=change(world.inputs)), d.z, (world, d.z))
 
 
-def late(share: float) -> Any:
-    """The first sensor saw what was so many steps ago, on the straight line between two states."""
+def late(share: float, more: float = 0.0) -> Any:
+    """The first sensor saw what was so many steps ago, and more with each step, on straight lines between states."""
 
     def made(world: World, d: Drawn, rng: Any) -> Faulty:
         s = next(iter(d.z))
-        before = np.concatenate([2 * d.x[:1] - d.x[1:2], d.x[:-1]])
-        then = measured(world, d.x - share * (d.x - before))[s]
+        rows = np.arange(len(d.x))
+        # The first may have seen what was before the first state.
+        x, at = np.concatenate([2 * d.x[:1] - d.x[1:2], d.x]), np.append(-1, rows)
+        then = measured(world, np.column_stack([np.interp(rows - share - more * (rows + 1), at, c) for c in x.T]))[s]
         return Faulty(world, d.z | {s: d.z[s] - d.clean[s] + then}, (world, d.z))
 
     return made
@@ -140,6 +142,12 @@ def turned(c: float) -> Any:
         return Faulty(world, d.z | {s: d.clean[s] @ turn.T + d.z[s] - d.clean[s]}, (world, d.z))
 
     return made
+
+
+def quarter_turn(world: World, d: Drawn, rng: Any) -> Faulty:
+    """A sensor has y and −x for x and y."""
+    s = str(pair(world))
+    return Faulty(world, d.z | {s: d.z[s][:, ::-1] * [1, -1]}, (world, d.z))
 
 
 def manoeuvre(c: float) -> Any:
@@ -202,6 +210,8 @@ def cases() -> Iterator[Case]:
         yield Case("prior", ("prior",), i, c, wrong_prior(c))
     for i, c in enumerate((0.1, 0.3, 0.8)):
         yield Case("delay", ("delay",), i, c, late(c), several)
+    for i, c in enumerate((0.001, 0.003, 0.01)):
+        yield Case("skew", ("skew",), i, c, late(0.0, c), several)
     for i, c in enumerate((0.5, 1.5, 4.0)):
         yield Case("rotation", ("rotation",), i, None, turned(c), lambda world: pair(world) is not None)
     for i, c in enumerate((0.05, 0.15, 0.4)):
@@ -213,6 +223,10 @@ def cases() -> Iterator[Case]:
     for i, c in enumerate((8.0, 16.0, 40.0)):
         yield Case("manoeuvre", ("manoeuvre",), i, None, manoeuvre(c))
     yield Case("inputs swapped", ("swap",), 2, None, wrong_inputs(lambda u: u[:, ::-1].copy()), alike)
+    yield Case(
+        "inputs turned", ("axes", "input rotation"), 2, None, wrong_inputs(lambda u: u[:, ::-1] * [1, -1]), alike
+    )
+    yield Case("axes", ("axes", "rotation"), 2, None, quarter_turn, lambda world: pair(world) is not None)
     yield Case("input sign", ("sign",), 2, None, wrong_inputs(lambda u: u * [1, -1]), driven)
     yield Case("sign", ("sign",), 2, None, on_values(lambda v, s, g, x: -v))
     yield Case("km for m", ("units",), 2, None, on_values(lambda v, s, g, x: v / 1000, jacobian=-np.log(1000)))

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 import sigmax
 from sigmax.cli.app import app
@@ -54,9 +55,9 @@ def test_the_test_draws_what_the_model_says():
 
 def test_sound_records_have_no_findings():
     model, prior = radar()
-    spoken = [seed for seed in range(20) if sigmax.doctor(model, prior, record(seed)).findings]
-    # One in a hundred would be allowed; three of twenty then come once in a thousand times.
-    assert len(spoken) < 3
+    spoken = [seed for seed in range(8) if sigmax.doctor(model, prior, record(seed)).findings]
+    # One in a hundred would be allowed; two of eight then come once in four hundred times.
+    assert len(spoken) < 2
 
 
 def changed(z, j, values):
@@ -143,7 +144,7 @@ def test_an_offset_between_two_sensors_has_its_size_and_either_may_have_it():
     assert not sigmax.doctor(*two_gauges(1)).findings
 
 
-def driven(seed, late=0.0, turned=0.0):
+def driven(seed, late=0.0, turned=0.0, slower=0.0):
     """A body whose acceleration is known; its own positions and those of another sensor, which sees the past."""
     rng = np.random.default_rng(seed)
     t = np.arange(T)
@@ -155,7 +156,8 @@ def driven(seed, late=0.0, turned=0.0):
         states.append(x)
     states = np.array(states)
     z = {"own": states[:, :2] + 0.5 * rng.normal(size=(T, 2))}
-    z["other"] = states[:, :2] - late * states[:, 2:] + 0.7 * rng.normal(size=(T, 2))
+    then = np.column_stack([np.interp(t * (1 - slower), t, x) for x in states[:, :2].T])
+    z["other"] = then - late * states[:, 2:] + 0.7 * rng.normal(size=(T, 2))
     motion = lambda x, dt, u: jnp.concatenate([x[:2] + dt * x[2:] + dt * dt / 2 * u, x[2:] + dt * u])  # noqa: E731
     model = sigmax.Model(
         motion=motion, Q=[1e-4, 1e-4, 9e-4, 9e-4], sensor={"own": lambda x: x[:2], "other": lambda x: x[:2]},
@@ -178,6 +180,12 @@ def test_times_and_axes_have_their_size():
     assert abs(found.value + 0.2) < 3 * found.std < 0.1
     model, prior, z, u = driven(4)
     assert sigmax.doctor(model, prior, z, inputs=u[:, ::-1]).findings[0].kind == "swap"
+    found = sigmax.doctor(model, prior, z, inputs=u[:, ::-1] * [-1, 1]).findings[0]
+    assert (found.kind, found.change) == ("axes", "give (input 1, −input 0)")
+    model, prior, z, u = driven(6, slower=0.004)
+    found = sigmax.doctor(model, prior, z, inputs=u).findings[0]
+    assert found.kind == "skew"
+    assert abs((found.value if found.where == "other" else -found.value) - 0.004) < 3 * found.std < 0.001
     model, prior, z, u = driven(5)
     turn = np.array([[np.cos(0.05), np.sin(0.05)], [-np.sin(0.05), np.cos(0.05)]])
     found = sigmax.doctor(model, prior, z | {"other": z["other"] @ turn}, inputs=u).findings[0]
@@ -237,6 +245,9 @@ def test_what_cannot_be_examined_is_refused_in_words():
         sigmax.doctor(model, prior, np.stack([record(1)] * 2))
     with pytest.raises(sigmax.InputError, match=r"examines a sigmax.Model"):
         sigmax.doctor("radar", prior, record(1))
+    turning = sigmax.imm({"calm": model, "wild": model}, transition=[[0.9, 0.1], [0.1, 0.9]])
+    with pytest.raises(sigmax.InputError, match=r"give one of its models.* calm, wild"):
+        sigmax.doctor(turning, prior, record(1))
     with pytest.raises(sigmax.InputError, match="one of its members"):
         sigmax.doctor(model, prior, record(1), filter=sigmax.bank("EKF"))
 
@@ -355,21 +366,21 @@ def near_and_unknown(seed):
 def test_a_linearisation_that_goes_astray_is_named_and_the_filter_that_does_not():
     model, prior, z = near_and_unknown(11)
     (found,) = sigmax.doctor(model, prior, z).findings
-    assert (found.kind, found.where) == ("linearisation", "IEKF")
+    assert found.kind == "linearisation"
     assert found.nis_before > 10
     assert found.nis_after < 1.2
-    L = {name: float(np.sum(sigmax.run(name, model, prior, z).log_likelihood)) for name in ("EKF", "IEKF")}
-    assert L["IEKF"] > L["EKF"] + 1000
-    assert not sigmax.doctor(model, prior, z, filter="IEKF").findings
+    EKF, other = (float(np.sum(sigmax.run(name, model, prior, z).log_likelihood)) for name in ("EKF", found.where))
+    assert other > EKF + 1000
+    assert not sigmax.doctor(model, prior, z, filter=found.where).findings
 
 
 @pytest.mark.slow
 def test_a_linearisation_is_named_in_some_of_the_records_that_it_spoils():
-    """Elsewhere an azimuth that is turned, or off, explains as much: docs/doctor.md says so."""
+    """docs/doctor.md has the number."""
     first = [next(iter(sigmax.doctor(*near_and_unknown(seed)).findings), None) for seed in range(12)]
     named = [f for f in first if f is not None and f.kind == "linearisation"]
     print(f"{len(named)} of {len(first)} named")
-    assert len(named) >= 3
+    assert len(named) >= 9
 
 
 @pytest.mark.slow
@@ -384,3 +395,39 @@ def test_the_rows_after_the_first_of_a_long_record_are_looked_at():
     prior = sigmax.Gaussian([10.0], [1.0])
     assert not sigmax.doctor(model, prior, z[:5000]).findings
     assert sigmax.doctor(model, prior, z).findings[0].kind == "R"
+
+
+def star_tracker(seed, axes=lambda w: w, quaternion=lambda q: q):
+    """A body that turns, gyroscopes that drive it, and its attitudes as a star tracker has them, by SciPy alone."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(T) * 0.1
+    w = np.column_stack([0.3 * np.sin(t), 0.2 * np.cos(0.7 * t), 0.25 * np.sin(0.5 * t + 1)])
+    body, seen = Rotation.identity(), []
+    for k in range(T):
+        body *= Rotation.from_rotvec(w[k] * 0.1 + rng.normal(size=3) * 0.002 * np.sqrt(0.1))
+        seen.append((body * Rotation.from_rotvec(rng.normal(size=3) * 0.01)).as_quat(scalar_first=True))
+    space = sigmax.spaces.Rotation()
+    attitude = sigmax.rotation("attitude")
+    model = sigmax.Model(
+        motion=lambda x, dt, u: space.add(x, u * dt), state=(attitude,), Q=[0.002**2] * 3,
+        sensor=lambda x: x, measurement=(attitude,), R=[0.01**2] * 3,
+    )  # fmt: skip
+    prior = sigmax.Gaussian([1.0, 0, 0, 0], [0.05**2] * 3)
+    return model, prior, np.array([quaternion(q) for q in seen]), np.array([axes(v) for v in w])
+
+
+def test_attitudes_are_examined_in_their_deviations():
+    model, prior, z, u = star_tracker(1)
+    assert not sigmax.doctor(model, prior, z, dt=0.1, inputs=u).findings
+    u[:, 0] += 0.02
+    found = sigmax.doctor(model, prior, z, dt=0.1, inputs=u).findings[0]
+    assert {found.kind, *found.either_kinds} >= {"input offset", "drift"}
+    assert abs(abs(found.value) - 0.02) < 3 * found.std < 0.002
+    model, prior, z, u = star_tracker(2, axes=lambda w: [w[1], w[0], -w[2]])
+    found = sigmax.doctor(model, prior, z, dt=0.1, inputs=u).findings[0]
+    assert found.kind == "axes"
+    assert "north, east, down" in found.cause
+    model, prior, z, u = star_tracker(3, quaternion=lambda q: np.roll(q, -1))
+    found = sigmax.doctor(model, prior, z, dt=0.1, inputs=u).findings[0]
+    assert found.kind == "convention"
+    assert "scalar last" in found.cause

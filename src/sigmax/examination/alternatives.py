@@ -1,15 +1,17 @@
 """Hypotheses that change the record or the prior as a whole: units, signs, conventions, an overconfident prior."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.examination.alternative import Alternative
+from sigmax.examination.axes import of_axes
 from sigmax.examination.begin import begun
-from sigmax.examination.envelope import Envelope, component_names, input_names
-from sigmax.examination.variants import RecordData
+from sigmax.examination.envelope import Envelope, component_names, curved, input_names
+from sigmax.examination.variants import RecordData, shifted
 from sigmax.modelling.model import Model
 
 # What a reading costs that moves the prior, too.
@@ -36,36 +38,9 @@ FACTORS = {
 _OF_LENGTH, _OF_SPEED = ("feet", "metres", "nautical miles"), ("knots", "m/s", "km/h")
 
 
-@dataclass(frozen=True)
-class Alternative:
-    """One of them.
-
-    Attributes:
-        kind: "degrees", "units", "sign", "turned", "convention", "swap", "time units", "prior" or "manoeuvre".
-        where: what is changed.
-        cause: in words.
-        mend: what to do.
-        change: of the record.
-        jacobian: added to the log-likelihood of changed values, which is that of the values as they came.
-        factor: what the values are multiplied by; 0 where they are changed in another way.
-        sensor: whose values are read in another way; None for anything else.
-        cost: what it costs in log-likelihood for the choice among them.
-    """
-
-    kind: str
-    where: str
-    cause: str
-    mend: str
-    change: Callable[[RecordData], RecordData]
-    jacobian: float = 0.0
-    factor: float = 0.0
-    sensor: str | None = None
-    cost: float = 2.0
-
-
 def alternatives(family: Envelope, record: RecordData, timed: bool) -> list[Alternative]:
     """All of a record; those of time where the motion depends on it."""
-    found = [*_of_measurements(family, record), *_of_inputs(family)]
+    found = [*_of_measurements(family, record), *_of_inputs(family), *of_axes(family)]
     if timed:
         for c, said in ((1e-3, "ms where the model has s"), (1 / 60, "s where the model has minutes"), (60.0, "min")):
             found.append(_time(c, f"times are in {said}"))
@@ -109,6 +84,8 @@ def _time(c: float, cause: str) -> Alternative:
 
 def _of_measurements(family: Envelope, record: RecordData) -> Iterator[Alternative]:
     for s, m in family.sizes:
+        if curved(family.plain, s):
+            continue  # of attitudes there are other axes alone
         yield from (replace(a, sensor=s) for a in _of_sensor(family, record, s, m))
 
 
@@ -138,9 +115,10 @@ def measured_in(model: Model, record: RecordData, sensor: str) -> list[str]:
     middle, spread = seen(record.mean), np.sqrt(np.diag(record.cov))
     found = [""] * len(middle)
     for unit in ("m", "m/s"):
-        for i, name in enumerate(model.state):
+        for i, name in enumerate(model.deviations):
             if units.get(str(name)) == unit:
-                moves = seen(record.mean + (spread[i] or 1.0) * (np.arange(len(spread)) == i)) != middle
+                there = shifted(model, record.mean, (spread[i] or 1.0) * (np.arange(len(spread)) == i))
+                moves = seen(there) != middle
                 found = [unit if moves[j] else one for j, one in enumerate(found)]
     return found
 

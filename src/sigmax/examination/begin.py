@@ -6,9 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.algebra.arrays import wrapped
 from sigmax.examination.envelope import Envelope
-from sigmax.examination.variants import RecordData
+from sigmax.examination.variants import RecordData, shifted
 
 # A start found so has its covariance times this: it stands where the first measurement after the prior was made.
 _WIDER = 100.0
@@ -30,13 +29,12 @@ def begun(family: Envelope, sensor: str, record: RecordData) -> RecordData:
     model = family.plain
     u = (jnp.asarray(record.u[k]),) if model.sensor_inputs[sensor] else ()
     seen = jax.jit(model.sensors[sensor])
-    size = np.maximum(np.abs(z[k]), 1e-9)
-    turns = np.asarray(model.measured_angular(sensor, z.shape[1]))
+    space = model.measured_space(sensor, z.shape[1])
+    size = np.where(space.periodic, 1.0, 1.0 if not space.flat else np.maximum(np.abs(z[k]), 1e-9))
 
     def miss(y: np.ndarray) -> np.ndarray:
-        off = np.asarray(seen(jnp.asarray(record.mean + spread * y), *u)) - z[k]
-        off = np.where(turns, wrapped(off, turns), off / size)
-        return np.concatenate([off, 1e-7 * y])
+        there = np.asarray(seen(jnp.asarray(shifted(model, record.mean, spread * y)), *u))
+        return np.concatenate([space.difference(there, z[k]) / size, 1e-7 * y])
 
     with np.errstate(all="ignore"):
         start = miss(np.zeros(len(spread)))
@@ -45,4 +43,4 @@ def begun(family: Envelope, sensor: str, record: RecordData) -> RecordData:
         found = least_squares(miss, np.zeros(len(spread)), diff_step=np.full(len(spread), 1e-4), max_nfev=60)
     if not np.isfinite(found.x).all():
         return record
-    return replace(record, mean=record.mean + spread * found.x, cov=record.cov * _WIDER)
+    return replace(record, mean=shifted(model, record.mean, spread * found.x), cov=record.cov * _WIDER)

@@ -111,7 +111,7 @@ def unobserved(setup: Setup, theta: np.ndarray, record: RecordData) -> tuple[str
 
     kinds = [p.kind for p in setup.runner.family.parameters]
     less = theta + np.log(4) * np.array([kind == "R" for kind in kinds])
-    ends = setup.runner.ends([Variant(theta, record), Variant(less, record)])
+    ends = setup.runner.estimates([Variant(theta, record), Variant(less, record)])[1][:, -1]
     spread = np.sqrt(np.diag(record.cov))
     on = np.flatnonzero((spread > 0) & (np.diag(ends[0]) > 0))
     if not len(on) or not np.isfinite(ends).all():
@@ -121,7 +121,7 @@ def unobserved(setup: Setup, theta: np.ndarray, record: RecordData) -> tuple[str
         ratio, v = eigh(wide, P)
     except np.linalg.LinAlgError:
         return ()
-    names, found = [str(setup.runner.family.plain.state[i]) for i in on], list[str]()
+    names, found = [str(setup.runner.family.plain.deviations[i]) for i in on], list[str]()
     for k in np.flatnonzero(ratio < _SAME):
         if v[:, k] @ P @ v[:, k] < _AS_WIDE * (v[:, k] @ begun @ v[:, k]):
             continue

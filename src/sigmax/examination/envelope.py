@@ -16,10 +16,10 @@ class Parameter:
     """One number that is 0 in the model as it stands.
 
     Attributes:
-        kind: "bias", "scale", "R", "Q", "drift", "delay", "rotation", "input offset", "input gain", "input delay",
-            "input rotation", "clock" or "prior".
+        kind: "bias", "scale", "R", "Q", "drift", "delay", "skew", "rotation", "input offset", "input gain",
+            "input delay", "input rotation", "clock" or "prior".
         where: the component, sensor or input that it belongs to.
-        at: its place there: of the component in the sensor, of the state, of the input; of Q the components of a group.
+        at: its place there: of the deviation in the sensor, of the state, of the input; of Q the components of a group.
         sensor: the sensor it belongs to, None for what is not of one.
     """
 
@@ -34,13 +34,14 @@ class Envelope:
     """The family.
 
     Attributes:
-        model: reads its parameters from the inputs: u as it was, by how much a delay changes it, θ, what is added to R
-            of each component, a factor of Q; `prior` alone is no matter of the model.
+        model: reads its parameters from the inputs: u as it was, by how much a delay changes it, θ, in the place of a
+            skew the delay that it has come to, what is added to R of each component, a factor of Q; `prior` alone is no
+            matter of the model.
         plain: the model as it stands.
         parameters: θ, in the order of the inputs.
         given: how many inputs the model had, R by row included.
         driven: how many of these are the user's.
-        sizes: numbers of each sensor.
+        sizes: deviations of each sensor: of numbers and angles as many as it has numbers.
     """
 
     model: Model
@@ -68,7 +69,7 @@ def parameters_of(
 
     Args:
         model: the model.
-        sizes: how many numbers each sensor has.
+        sizes: how many deviations each sensor has.
         driven: how many inputs the user has.
         groups: components of the motion's noise that hang together.
         axes: pairs of inputs that are components of one vector.
@@ -77,14 +78,14 @@ def parameters_of(
     found: list[Parameter] = []
     for s, m in sizes.items():
         names, angular = component_names(model, s, m), model.measured_angular(s, m)
-        plain = [j for j in range(m) if not angular[j]]
+        plain = [] if curved(model, s) else [j for j in range(m) if not angular[j]]
         found += [Parameter("bias", names[j], (j,), s) for j in range(m)]
         found += [Parameter("scale", names[j], (j,), s) for j in plain]
         found += [Parameter("R", names[j], (j,), s) for j in range(m)]
         found += [Parameter("rotation", f"{names[j]}, {names[j + 1]}", (j, j + 1), s) for j in plain if j + 1 in plain]
         if len(sizes) > 1 and returns:
-            found.append(Parameter("delay", s, (), s))
-    states = [str(name) for name in model.state]
+            found += [Parameter("delay", s, (), s), Parameter("skew", s, (), s)]
+    states = [str(name) for name in model.deviations]
     found += [Parameter("Q", ", ".join(states[i] for i in group), group) for group in groups]
     found += [Parameter("drift", name, (i,)) for i, name in enumerate(states)]
     found += [Parameter("prior", name, (i,)) for i, name in enumerate(states)]
@@ -97,9 +98,15 @@ def parameters_of(
 
 
 def component_names(model: Model, sensor: str, size: int) -> list[str]:
-    """What the components of a sensor are called, the sensor in front where there are several."""
-    names = model.measurement[sensor] or tuple(f"z{j}" for j in range(size))
+    """What the deviations of a sensor are called, the sensor in front where there are several."""
+    names = model.measured_deviations(sensor) or tuple(f"z{j}" for j in range(size))
     return [f"{sensor}.{name}" if sensor else str(name) for name in names]
+
+
+def curved(model: Model, sensor: str) -> bool:
+    """Whether a sensor measures more than numbers and angles."""
+    own = model.measured[sensor]
+    return own is not None and not own.space.flat
 
 
 def input_names(model: Model, driven: int) -> list[str]:
@@ -171,7 +178,8 @@ def _motion(model: Model, at: _Places) -> Callable[..., Any]:
     def moved(x: Any, dt: Any, u: Any) -> Any:
         own = (at.inputs(u, True),) if model.motion_inputs else ()
         y = jnp.asarray(model.motion(x, dt * (1 + at.value(u, "clock")), *own))
-        return y + dt * jnp.stack([at.value(u, "drift", (i,)) for i in range(y.shape[0])])
+        off = dt * jnp.stack([at.value(u, "drift", (i,)) for i in range(model.dim)])
+        return model.space.add(y, off) if model.curved else y + off
 
     return moved
 
@@ -200,8 +208,10 @@ def _sensor(model: Model, s: str, m: int, at: _Places) -> Callable[..., Any]:
     def seen(x: Any, u: Any) -> Any:
         late, inputs = at.value(u, "delay", sensor=s), at.inputs(u)
         if late is not None:
-            x = jnp.asarray(motion(x, -late, *((inputs,) if moving else ())))
+            x = jnp.asarray(motion(x, -(late + at.value(u, "skew", sensor=s)), *((inputs,) if moving else ())))
         y = jnp.asarray(h(x, *((inputs,) if driven else ())))
+        if curved(model, s):
+            return model.measured_space(s, m).add(y, jnp.stack([at.value(u, "bias", (j,), s) for j in range(m)]))
         parts = [y[j] for j in range(m)]
         for j in range(m - 1):
             turn = at.value(u, "rotation", (j, j + 1), s)

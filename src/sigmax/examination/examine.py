@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.examination.envelope import component_names, envelope, parameters_of
+from sigmax.examination.envelope import component_names, curved, envelope, parameters_of
 from sigmax.examination.gauss_newton import Climber
 from sigmax.examination.hypotheses import axes_of, groups_of, hypotheses, moved, natural_steps, noise_at
 from sigmax.examination.linearisations import judging
@@ -19,6 +19,7 @@ from sigmax.examination.variants import RecordData, Runner, Variant
 from sigmax.filters import Bank, Filter
 from sigmax.modelling.gaussian import Gaussian
 from sigmax.modelling.model import Model
+from sigmax.modelling.switching import SwitchingModel
 from sigmax.preparation.prepare import Prepared, as_filter, prepare
 from sigmax.preparation.times import times_of
 from sigmax.running.run import steps_given
@@ -61,7 +62,7 @@ def doctor(
         The examination: print it. How often a sound model has findings stands in the docs, with the command.
 
     Raises:
-        InputError: for whatever `run` refuses, a batch of records, modes, and curved parts of state or measurement.
+        InputError: for whatever `run` refuses, a batch of records, modes, and banks.
     """
     begun = time.perf_counter()
     chosen = as_filter(filter)
@@ -90,10 +91,13 @@ def doctor(
 
 def not_examined(model: Any, filter: Filter) -> str:
     """Why the doctor does not know a model or filter, in words; empty where it does."""
+    if isinstance(model, SwitchingModel):
+        return (
+            "the doctor examines one motion, and this model has modes that take turns: give one of its models, "
+            f"and the rows in which it holds; they are {', '.join(model.names)}"
+        )
     if not isinstance(model, Model):
         return f"the doctor examines a sigmax.Model; this is {type(model).__name__}"
-    if model.curved:
-        return "the doctor examines numbers and angles; attitudes, directions and poses it does not know yet"
     if isinstance(filter, Bank):
         return "the doctor judges by one filter, and a bank has several: give one of its members"
     if adapts(filter, model):
@@ -103,7 +107,8 @@ def not_examined(model: Any, filter: Filter) -> str:
 
 def _laid_out(ready: Prepared, update_first: bool) -> tuple[RecordData, Setup]:
     """The record as arrays, and the filter on the envelope of the model."""
-    model, sizes = ready.model, {s: v.shape[-1] for s, v in ready.z.items()}
+    model = ready.model
+    sizes = {s: model.measured_space(s, v.shape[-1]).dim for s, v in ready.z.items()}
     T, M = len(ready.dt), sum(sizes.values())
     u = np.zeros((T, 0)) if ready.u is None else np.asarray(ready.u)
     driven = 0 if ready.inputs is None else ready.inputs.shape[-1]
@@ -121,17 +126,19 @@ def _laid_out(ready: Prepared, update_first: bool) -> tuple[RecordData, Setup]:
     positive = record.dt[record.dt > 0]
     dt = float(np.median(positive)) if positive.size else 1.0
     Q, R = noise_at(model, record, dt)
-    at_rest = np.allclose(moved(model, record, 0.0), record.mean, rtol=1e-9, atol=1e-12)
+    moves = model.space.difference(moved(model, record, 0.0), record.mean)
+    at_rest = np.allclose(moves, 0.0, atol=1e-9 * max(1.0, float(np.abs(record.mean).max())))
     back = bool(at_rest and np.isfinite(moved(model, record, -dt)).all())
     parameters = parameters_of(model, sizes, driven, groups_of(Q), axes_of(model, record, dt, driven), back)
     family = envelope(model, parameters, u.shape[1], driven, tuple(sizes.items()))
-    spread = {s: np.where(v > 0, v, np.nanvar(ready.z[s], axis=0) + 1e-12) for s, v in R.items()}
+    width = {s: 1.0 if curved(model, s) else np.nanvar(v, axis=0) + 1e-12 for s, v in ready.z.items()}
+    spread = {s: np.where(v > 0, v, width[s]) for s, v in R.items()}
     record = replace(record, huge=1e8 * np.concatenate([spread[s] for s in sizes]))
     setup = Setup(
         climber=Climber(
             Runner(ready.filter, family, update_first),
             natural_steps(family, record, Q, R, dt),
-            {s: tuple(model.measured_angular(s, m)) for s, m in sizes.items()},
+            {s: tuple(model.measured_angular(s, v.shape[-1])) for s, v in ready.z.items()},
         ),
         hypotheses=hypotheses(family),
         R=R,

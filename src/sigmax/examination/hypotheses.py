@@ -97,7 +97,8 @@ def axes_of(model: Model, record: RecordData, dt: float, driven: int) -> list[tu
         return []
     angular = np.asarray(model.angular)
     before = moved(model, record, dt)
-    effect = np.array([moved(model, record, dt, np.eye(record.u.shape[1])[i]) - before for i in range(driven)])
+    more = [moved(model, record, dt, np.eye(record.u.shape[1])[i]) for i in range(driven)]
+    effect = np.array([model.space.difference(there, before) for there in more])
 
     def alike(a: np.ndarray, b: np.ndarray) -> bool:
         parts = [(np.linalg.norm(a[on]), np.linalg.norm(b[on])) for on in (angular, ~angular)]
@@ -119,7 +120,7 @@ def natural_steps(
     spread = np.sqrt(np.diag(record.cov))
     size = {
         "scale": 0.01, "R": 0.1, "Q": 0.1, "rotation": 0.01, "input rotation": 0.01, "prior": 0.1, "input gain": 0.01,
-        "clock": 0.001, "delay": 0.1 * dt, "input delay": 0.1 * dt,
+        "clock": 0.001, "delay": 0.1 * dt, "skew": 0.1 * dt / max(float(record.dt.sum()), dt), "input delay": 0.1 * dt,
     }  # fmt: skip
 
     def step(p: Parameter) -> float:

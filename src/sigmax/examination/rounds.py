@@ -8,7 +8,8 @@ import numpy as np
 
 from sigmax.examination.alternatives import alternatives, with_starts
 from sigmax.examination.conclusion import correlated, evidence, needed, unobserved
-from sigmax.examination.linearisations import other_linearisations, with_filter
+from sigmax.examination.envelope import curved
+from sigmax.examination.linearisations import crude, other_linearisations, with_filter
 from sigmax.examination.manoeuvres import manoeuvres
 from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import (
@@ -26,13 +27,13 @@ from sigmax.examination.variants import Innovations, RecordData, Variant, log_li
 from sigmax.examination.words import factor_of, in_words
 
 _ROUNDS, _ALPHA, _TIE = 4, 0.003, 3.0
+# What a number that was fitted must gain over a reading of the record without one.
+_FITTED = 5.0
 # NIS per value of a record that is so near to its model that nothing has to begin elsewhere.
 _NEAR = 0.6
 _SHAPES = ("tails", "outliers")
-# Causes that a crude linearisation looks like.
-_AS_CRUDE = (*_SHAPES, "R", "Q", "bias", "drift", "manoeuvre")
 # Causes that another one imitates, and which tell the simpler story where they tell nearly as much.
-_SIMPLER = ("sign", "turned", "degrees", "convention", "swap", "units")
+_SIMPLER = ("sign", "turned", "degrees", "convention", "swap", "axes", "units")
 
 
 class Accepted(NamedTuple):
@@ -106,7 +107,7 @@ class Rounds:
         if rows == stretch(whole):
             some = [a for a in self.some if (a.kind, a.where) not in ended]
             if np.isfinite(as_it_stands) and "manoeuvre" not in kinds:
-                some += manoeuvres(self.setup, out, record)
+                some += manoeuvres(self.setup, theta, self.setup.runner([Variant(theta, part)]), part)
             if not _NEAR < nis_per_value(out, record) < 1 / _NEAR:
                 some += with_starts(self.setup.runner.family, some)
             found += discrete(self.setup, theta, part, some, as_it_stands)
@@ -116,7 +117,8 @@ class Rounds:
             found += continuous(self.setup, theta, record, ended)
         found = [c for c in found if _matters(c)]
         best = max(found, key=lambda c: c.gain, default=None)
-        if not accepted and best is not None and best.gain > self.limit and best.kind in _AS_CRUDE:
+        some_gain = best is not None and best.gain > self.limit
+        if some_gain and "linearisation" not in kinds and crude(self.setup, theta, part):
             found += other_linearisations(self.setup, theta, part, as_it_stands)
         return sorted(found, key=lambda c: -c.gain)
 
@@ -126,8 +128,9 @@ class Rounds:
         extra, out = record.extra.copy(), record.out.copy()
         nis = self.nis0
         for s, z in record.z.items():
-            for j in range(z.shape[1]):
-                name, one = self.setup.names[s][j], flaw(z[:, j], float(self.setup.R[s][j]))
+            own = self.setup.names[s]
+            for j, name in enumerate(own):
+                one = None if curved(self.setup.runner.family.plain, s) else flaw(z[:, j], float(self.setup.R[s][j]))
                 if one is not None:
                     extra[at] += one.extra
                     out[:, at] |= one.rows
@@ -145,7 +148,7 @@ class Rounds:
                     found.append(Finding(one.kind, name, *said, one.size, np.nan, one.concerned, nis, nis))
                 at += 1
             if (twice := copies(z)) is not None and not any(f.kind == "stuck" for f in found):
-                out[:, at - z.shape[1] : at] |= twice.rows[:, None]
+                out[:, at - len(own) : at] |= twice.rows[:, None]
                 said = (
                     "rows are copies of the one before",
                     f"{twice.concerned} of {len(z)}, the first is row {twice.first}",
@@ -161,7 +164,10 @@ class Rounds:
     def _finding(
         self, best: Candidate, others: Sequence[Candidate], nis: tuple[float, float], provisional: bool
     ) -> Finding:
-        rivals = [(self._said(c), c) for c in others if best.gain - c.gain < max(5.0, 0.1 * abs(best.gain))]
+        rivals = list[tuple[str, Candidate]]()
+        for said, c in [(self._said(c), c) for c in others if best.gain - c.gain < max(5.0, 0.1 * abs(best.gain))]:
+            if not _same(best, c) and said not in (self._said(best), *(other for other, _ in rivals)):
+                rivals.append((said, c))
         tied = [(said, c.kind) for said, c in rivals if abs(best.gain - c.gain) < _TIE]
         cause, size, change = in_words(best, self._variance(best))
         value = best.value[np.argmax(np.abs(best.value))] if best.value.size else np.nan
@@ -196,14 +202,23 @@ def _matters(c: Candidate) -> bool:
     return bool(np.isfinite(c.gain) and (not c.value.size or np.abs(c.value).max() > least))
 
 
+def _same(best: Candidate, c: Candidate) -> bool:
+    """Whether a factor that was fitted is but the sign, or the unit, that is named."""
+    return c.where == best.where and best.kind in _SIMPLER and c.kind in ("scale", "input gain")
+
+
 def _preferred(found: list[Candidate], limit: float) -> list[Candidate]:
     """The candidates with the one to believe in front."""
     first = found[0]
     if first.kind == "R":  # tails blow R up
         heavy = [c for c in found if c.kind in _SHAPES and c.gain > max(limit, 0.2 * first.gain)]
         return heavy[:1] + [c for c in found if not heavy or c is not heavy[0]]
-    if first.kind == "prior":
-        for c in found[1:]:
-            if c.kind in _SIMPLER and c.gain > max(limit, 0.7 * first.gain):
-                return [c, *(d for d in found if d is not c)]
+    for c in found:
+        if c.kind == "linearisation" and c.gain > 0.9 * first.gain:
+            return [c, *(d for d in found if d is not c)]
+    for c in found[1:]:
+        # A prior that is off imitates them, and a factor that is fitted is one number more than a sign.
+        near = 0.7 * first.gain if first.kind == "prior" else first.gain - _FITTED if first.value.size else np.inf
+        if c.kind in _SIMPLER and c.gain > max(limit, near):
+            return [c, *(d for d in found if d is not c)]
     return found

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sigmax.examination.alternatives import Alternative
+from sigmax.examination.alternative import Alternative
 from sigmax.examination.gauss_newton import Climber, Start
 from sigmax.examination.hypotheses import LIMITS, Hypothesis
 from sigmax.examination.shape import tails

@@ -12,6 +12,7 @@ from sigmax.engine.backend import attempt
 from sigmax.examination.envelope import Envelope
 from sigmax.filters import Filter
 from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.model import Model
 from sigmax.preparation.prepare import Prepared, prepare
 from sigmax.results.result import Result
 
@@ -30,7 +31,7 @@ class RecordData:
         u: (T, K), inputs of the model and R by row; K may be 0.
         mean: of the prior (n,).
         cov: of the prior (n, n).
-        extra: variances added to R, (M,) over the components of all sensors.
+        extra: variances added to R, (M,) over the deviations of all sensors.
         out: values that are left out (T, M): their R grows by `huge` (M,), so that their innovations stay known.
         huge: see there.
         q_factor: of Q in each step (T,).
@@ -101,6 +102,7 @@ class Runner:
         self.filter, self.family, self.update_first = filter, family, update_first
         kinds = [p.kind for p in family.parameters]
         self.of_prior = [i for i, kind in enumerate(kinds) if kind == "prior"]
+        self.skews = [i for i, kind in enumerate(kinds) if kind == "skew"]
         self.late = kinds.index("input delay") if "input delay" in kinds else None
         self._ready: Prepared | None = None
         self._room = np.empty(0)
@@ -122,10 +124,10 @@ class Runner:
             first.first_fault,
         )
 
-    def ends(self, variants: Sequence[Variant]) -> np.ndarray:
-        """The covariances at the end of the record, (B, n, n)."""
+    def estimates(self, variants: Sequence[Variant]) -> tuple[np.ndarray, np.ndarray]:
+        """Means (B, T, n) and covariances (B, T, d, d)."""
         done, _ = self._run(variants, _KEPT | {"mean", "factor"})
-        return np.asarray(done.cov)[:, -1]
+        return np.asarray(done.mean), np.asarray(done.cov)
 
     def _batch(self, variants: Sequence[Variant]) -> Innovations:
         done, z = self._run(variants, _KEPT)
@@ -133,7 +135,7 @@ class Runner:
         nu, S = done.innovation, done.innovation_cov
         if not self.family.model.several:
             nu, S = {sensors[0]: nu}, {sensors[0]: S}
-        seen = {s: ~np.isnan(v) for s, v in z.items()}
+        seen = {s: seen_in(self.family.plain, s, v) for s, v in z.items()}
         fault = np.asarray(done.fault) > 0
         sound = np.asarray(~fault.any(-1))
         clean_nu, clean_S = {}, {}
@@ -158,9 +160,10 @@ class Runner:
         records = [variant.record for variant in variants]
         alone = all(r is records[0] for r in records)
         inputs = self._inputs(variants)
-        mean = np.stack(
-            [r.mean + t.theta[self.of_prior] * np.sqrt(np.diag(r.cov)) for t, r in zip(variants, records, strict=True)]
-        )
+        mean = np.stack([
+            shifted(self.family.plain, r.mean, t.theta[self.of_prior] * np.sqrt(np.diag(r.cov)))
+            for t, r in zip(variants, records, strict=True)
+        ])  # fmt: skip
         prior = Gaussian(mean, np.stack([r.cov for r in records]))
         # What is the same for all is not repeated: a long record has many values.
         z = {s: v if alone else np.stack([r.z[s] for r in records]) for s, v in records[0].z.items()}
@@ -206,9 +209,22 @@ class Runner:
             late = 0.0 if self.late is None else float(theta[self.late])
             row[:, at - k : at] = _late(r, k, late) - r.u[:, :k] if late else 0.0
             row[:, at:behind] = theta
+            if theta[self.skews].any():
+                row[:, [at + i for i in self.skews]] = np.outer(np.cumsum(r.dt), theta[self.skews])
             row[:, behind : behind + M] = r.extra + r.out * r.huge
             row[:, -1] = r.q_factor
         return made
+
+
+def shifted(model: Model, x: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """A state (n,) so much off (d,)."""
+    return np.asarray(model.space.add(x, by)) if model.curved else x + by
+
+
+def seen_in(model: Model, sensor: str, z: np.ndarray) -> np.ndarray:
+    """Which deviations (..., d) of what a sensor measured (..., m) are known."""
+    there = np.moveaxis(~np.isnan(z), -1, 0)
+    return np.asarray(np.moveaxis(model.measured_space(sensor, len(there)).whole(there), 0, -1))
 
 
 def _late(r: RecordData, driven: int, by: float) -> np.ndarray:

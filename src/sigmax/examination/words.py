@@ -102,6 +102,11 @@ def _other(c: Candidate, v: float, say: str) -> tuple[str, str, str]:
             f"{measured(abs(v), c.std)} s",
             f"correct its times by {-v:.4g} s",
         ),
+        "skew": (
+            f"the clock of {c.where} runs too {'fast' if v > 0 else 'slowly'} against the others",
+            f"{measured(abs(v), c.std)} s a second",
+            f"multiply its times, counted from the start, by {1 - v:.7g}",
+        ),
         "input offset": (f"{c.where} is offset", f"{measured(-v, c.std)} too much", f"add {v:.4g} to {c.where}"),
         "input gain": (
             f"{c.where} is off by a factor",
