@@ -152,7 +152,7 @@ def studies_command() -> None:
 
     Example: sigmax studies
     """
-    from sigmax.cli.compare import print_studies
+    from sigmax.cli.lists import print_studies
 
     print_studies()
 

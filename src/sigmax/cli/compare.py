@@ -1,4 +1,4 @@
-"""`sigmax compare` and `sigmax studies`."""
+"""`sigmax compare`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +18,6 @@ from sigmax.reports.folder import check_folder
 from sigmax.reports.verdict import significant
 from sigmax.studies import Comparison, compare, load_studies
 from sigmax.studies.load import parsed_filters
-from sigmax.studies.named import NAMED
 from sigmax.studies.progress import FILE
 
 
@@ -185,13 +184,3 @@ def _cells(s: Standing, c: Comparison) -> list[str]:
         "–" if s.outside is None else f"{s.outside:.0%}",
         word,
     ]
-
-
-def print_studies() -> None:
-    """The named studies as a table."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("name", no_wrap=True)
-    table.add_column("what it is")
-    for name, study in NAMED.items():
-        table.add_row(name, study.about)
-    Console().print(table)

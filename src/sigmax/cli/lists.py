@@ -1,4 +1,4 @@
-"""`sigmax filters` and `sigmax records`."""
+"""Commands that list what is built in: filters, records, models, studies."""
 
 from rich.console import Console
 from rich.table import Table
@@ -6,6 +6,7 @@ from rich.table import Table
 from sigmax.filters import WEIGHTS, catalogue, get
 from sigmax.models.builtin import BUILTIN
 from sigmax.records.load import builtin
+from sigmax.studies.named import NAMED
 
 
 def print_filters() -> None:
@@ -37,6 +38,11 @@ def print_records() -> None:
 def print_models() -> None:
     """The built-in models as a table."""
     _print_about({name: make().about for name, make in BUILTIN.items()})
+
+
+def print_studies() -> None:
+    """The named studies as a table."""
+    _print_about({name: study.about for name, study in NAMED.items()})
 
 
 def _print_about(lines: dict[str, str]) -> None:

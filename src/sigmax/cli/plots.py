@@ -11,9 +11,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from sigmax.errors import InputError
-from sigmax.records import PlotRecord, parse_trial
-from sigmax.reports import Followed, check_folder, write_tracks
-from sigmax.reports.tracks_folder import TRACK_FILES
+from sigmax.records import parse_trial
+from sigmax.records.plots import PlotRecord
+from sigmax.reports import check_folder
+from sigmax.reports.followed import Followed
+from sigmax.reports.tracks_folder import TRACK_FILES, write_tracks
 from sigmax.reports.verdict import significant
 from sigmax.tracking import Tracker
 

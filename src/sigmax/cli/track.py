@@ -13,7 +13,6 @@ from rich.table import Table
 
 from sigmax.cli import NO_RESULT, WRONG_INPUT
 from sigmax.cli.doctor import examine_worst, no_tracks, proposal
-from sigmax.cli.plots import track_plots
 from sigmax.cli.progress import progress_on
 from sigmax.errors import InputError
 from sigmax.records import Outcome, Record, check, load, load_plots, parse_trial, robust_trial, track
@@ -60,6 +59,8 @@ def track_record(
             raise InputError("--prior belongs to a record of tracks; plots begin tracks by themselves")
         if examine:
             raise no_tracks(str(name))
+        from sigmax.cli.plots import track_plots
+
         track_plots(plots, filters, out)
         return
     with errors.status("reading the record"):

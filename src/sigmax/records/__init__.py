@@ -2,7 +2,6 @@
 
 from sigmax.records.find_model import find_model
 from sigmax.records.load import builtin, load, load_plots
-from sigmax.records.plots import PlotRecord
 from sigmax.records.record import Backdrop, Record, Trial, parse_trial, with_updates
 from sigmax.records.tracking import Outcome, check, robust_trial, track
 from sigmax.records.userfile import functions_allowed_from
@@ -10,7 +9,6 @@ from sigmax.records.userfile import functions_allowed_from
 __all__ = [
     "Backdrop",
     "Outcome",
-    "PlotRecord",
     "Record",
     "Trial",
     "builtin",

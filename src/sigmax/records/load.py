@@ -2,13 +2,16 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from sigmax.errors import InputError, unknown
 from sigmax.records.plot_description import describes_plots
-from sigmax.records.plots import PlotRecord
 from sigmax.records.read_table import is_table
 from sigmax.records.record import Record
+
+# Whoever tracks no plots need not wait for the tracker.
+if TYPE_CHECKING:
+    from sigmax.records.plots import PlotRecord
 
 
 class Builtin(NamedTuple):
@@ -49,7 +52,7 @@ def builtin() -> dict[str, Builtin]:
     return plazas | {"jacksboro": Builtin(_jacksboro, flight), "kitti-imu": Builtin(_kitti_imu, drive)}
 
 
-def load_plots(name: str, folder: Path | None = None) -> PlotRecord | None:
+def load_plots(name: str, folder: Path | None = None) -> "PlotRecord | None":
     """A record of plots, "autoferry:N" with the folder of the data set, or a TOML file with a table [tracking].
 
     None for anything else.

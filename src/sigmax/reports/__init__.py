@@ -2,15 +2,12 @@
 
 from sigmax.reports.examined import Examined
 from sigmax.reports.folder import check_folder, write
-from sigmax.reports.followed import Followed
 from sigmax.reports.grade import Grade, grade
 from sigmax.reports.score import Score, score
-from sigmax.reports.tracks_folder import write_tracks
 from sigmax.reports.verdict import verdict
 
 __all__ = [
     "Examined",
-    "Followed",
     "Grade",
     "Score",
     "check_folder",
@@ -18,5 +15,4 @@ __all__ = [
     "score",
     "verdict",
     "write",
-    "write_tracks",
 ]

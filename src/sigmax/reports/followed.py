@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import sigmax
-from sigmax.records import PlotRecord, Trial
+from sigmax.records import Trial
+from sigmax.records.plots import PlotRecord
 from sigmax.tracking import Cycle, Quality, Scan, SensorHealth, Told, health, quality
 from sigmax.tracking.detector import Locate
 

@@ -7,7 +7,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.linalg import block_diag
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
@@ -52,7 +51,7 @@ def correlated_at_end(model: Model, prior: Gaussian, S: Any) -> tuple[Model, Gau
         noises.append(np.asarray(by_value(model.R[s])))
         sensors[s] = _seen(model.sensors[s], model.sensor_inputs[s], n, (at, n + len(names)))
         R[s] = Diagonal(np.zeros(len(measured)))
-    whole = block_diag(*noises)
+    whole = np.asarray(jax.scipy.linalg.block_diag(*noises))
     own, Q = model.components, model.Q if callable(model.Q) else by_value(model.Q)
     made = model.with_parts(
         motion=_moved(model.motion, model.motion_inputs, n, len(names)),

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtr
 
 from sigmax.reports.figures.draw import COLOURS, INK, MUTED, TRUTH, Figure, between, colour, line, pale, plain, safe
 from sigmax.studies import Comparison, Measures
@@ -176,7 +176,8 @@ def _outside_figure(c: Comparison) -> Figure:
 
 def _honest_band(runs: int) -> tuple[float, float]:
     """Between what shares of runs those of an honest filter lie at 95 of 100 times."""
-    return float(binom.ppf(0.025, runs, 0.05) / runs), float(binom.ppf(0.975, runs, 0.05) / runs)
+    low, high = np.searchsorted(bdtr(np.arange(runs + 1), runs, 0.05), (0.025, 0.975))
+    return float(low / runs), float(high / runs)
 
 
 def _banded(c: Comparison, low: np.ndarray, high: np.ndarray, curves: Mapping[str, np.ndarray], axis: Figure) -> Figure:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from sigmax.reports.comparison.figures import label, over_first, reach, readable, shade, shown_unit
@@ -52,12 +51,17 @@ def within_picture(c: Comparison) -> Any:
     return _columns(c, curve, lambda i: f"{c.study.model.deviations[i]} / first")
 
 
+def _axes(rows: int, columns: int, size: tuple[float, float], **shared: Any) -> tuple[Any, Any]:
+    from matplotlib import figure  # takes longer to load than most commands take
+
+    canvas = figure.Figure(figsize=size, layout="constrained")
+    return canvas, canvas.subplots(rows, columns, squeeze=False, **shared)
+
+
 def _columns(c: Comparison, curve: Callable[[str, int], np.ndarray], title: Callable[[int], str]) -> Any:
     shown, n = groups(c), c.study.model.dim
     size = (1.2 + 4.6 * len(shown), 1.4 + 1.7 * n)
-    figure, axes = plt.subplots(
-        n, len(shown), figsize=size, sharex=True, sharey="row", squeeze=False, layout="constrained"
-    )
+    figure, axes = _axes(n, len(shown), size, sharex=True, sharey="row")
     for k, (group, names) in enumerate(shown.items()):
         for i in range(n):
             for name in names:
@@ -82,7 +86,7 @@ def _short(text: str) -> str:
 def cost_picture(c: Comparison) -> Any:
     """Prediction, correction and both in units of the EKF's, as bars, a row for each group."""
     shown = groups(c)
-    figure, axes = plt.subplots(len(shown), 1, figsize=(9, 0.8 + 2.6 * len(shown)), squeeze=False, layout="constrained")
+    figure, axes = _axes(len(shown), 1, (9, 0.8 + 2.6 * len(shown)))
     for ax, (group, names) in zip(axes[:, 0], shown.items(), strict=True):
         at = np.arange(len(names))
         for k, (part, strength) in enumerate(PARTS.items()):
