@@ -28,13 +28,6 @@ class HalfSteps(Protocol):
         """The belief after a measurement, what it said, and the fault; R None for the model's."""
 
 
-class BackSteps(Protocol):
-    """The same backwards."""
-
-    def back(self, filtered: Any, later: Any, later_fault: Any, dt: Any, u: Any) -> tuple[Any, Any]:
-        """The smoothed belief of a step from that of the step after it, and the fault."""
-
-
 class _OneBelief:
     def __init__(self, filter: Filter, model: Model) -> None:
         self.filter, self.model, self.root = filter, model, noise_root(model.Q)

@@ -6,12 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.arrays import product, times
-from sigmax.algebra.factor import pivoted, solve_lower, tria
+from sigmax.algebra.factor import pivoted, tria
 from sigmax.errors import InputError
 from sigmax.modelling.model import Model
 from sigmax.modelling.switching import Entries
 from sigmax.spaces import Flat
 from sigmax.steps.step import Belief
+from sigmax.steps.updating import right_solve
 
 
 class Way(NamedTuple):
@@ -87,7 +88,7 @@ def returned(source: Model, other: Model, filtered: Belief, smoothed: Belief) ->
     # A common component known exactly tells nothing of the rest.
     exact = jnp.stack([root[k, k] <= 0 for k in range(c)])
     tells = jnp.where(exact[None], 0, root[c:, :c])
-    slope = _over(tells, pivoted(root[:c, :c]))
+    slope = right_solve(tells, pivoted(root[:c, :c]))
     shift = Flat(tuple(source.space.periodic[k] for k in order[:c])).difference(
         known, jnp.stack([filtered.mean[k] for k in order[:c]])
     )
@@ -97,9 +98,3 @@ def returned(source: Model, other: Model, filtered: Belief, smoothed: Belief) ->
     wide = jnp.concatenate([above, jnp.concatenate([product(slope, shared), apart], axis=1)])
     back = np.argsort(order)
     return Belief(jnp.concatenate([known, ahead])[back], tria(wide[back]))
-
-
-def _over(E: Any, D: Any) -> Any:
-    """E D⁻¹ (m, n, ...) for a lower triangle D."""
-    turned = D[::-1, ::-1].swapaxes(0, 1)
-    return solve_lower(turned, E.swapaxes(0, 1)[::-1])[::-1].swapaxes(0, 1)

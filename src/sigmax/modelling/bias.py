@@ -141,9 +141,7 @@ def joint(prior: Gaussian, bias: Gaussian, first: bool) -> Gaussian:
     P, Q = (array.broadcast_to(p.cov, (*of_cov, p.dim, p.dim)) for p in parts)
     zero = array.zeros((*of_cov, n, m))
     upper, lower = (array.concatenate(row, -1) for row in ((P, zero), (array.swapaxes(zero, -1, -2), Q)))
-    made = object.__new__(Gaussian)
-    made.mean, made.cov = mean, array.concatenate([upper, lower], -2)
-    return made
+    return Gaussian.unchecked(mean, array.concatenate([upper, lower], -2))
 
 
 def _batches(parts: Sequence[Gaussian]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:

@@ -82,6 +82,11 @@ class Gaussian:
     @classmethod
     def tree_unflatten(cls, _: None, children: tuple[Any, Any]) -> "Gaussian":
         """For JAX: values pass unchecked."""
+        return cls.unchecked(*children)
+
+    @classmethod
+    def unchecked(cls, mean: Any, cov: Any) -> "Gaussian":
+        """A Gaussian of arrays as they are, which may be traced."""
         made = object.__new__(cls)
-        made.mean, made.cov = children
+        made.mean, made.cov = mean, cov
         return made

@@ -14,7 +14,7 @@ from sigmax.algebra.factor import cholesky, safe_sqrt
 from sigmax.dependence import reading
 from sigmax.errors import InputError
 from sigmax.modelling.checks import numbers, symmetric_semidefinite
-from sigmax.modelling.noise import takes
+from sigmax.modelling.noise import motion_of, sensor_of, takes
 from sigmax.rules.linearization import Linearization, Rule, slope_of
 from sigmax.tracing import traceable
 
@@ -99,13 +99,8 @@ def _of(given: Inside, before: int, driven: bool) -> _Three:
         J = jax.jacfwd(lambda xi: joint(jnp.concatenate([xi, x]), *rest))(jnp.zeros(q, x.dtype))
         return product(J, J.T)
 
-    if before == 2:
-        if driven:
-            return lambda x, dt, u: plain(x, dt, u), lambda x, dt, u: spread(x, dt, u), joint
-        return lambda x, dt: plain(x, dt), lambda x, dt: spread(x, dt), joint
-    if driven:
-        return lambda x, u: plain(x, u), lambda x, u: spread(x, u), joint
-    return lambda x: plain(x), lambda x: spread(x), joint
+    of = motion_of if before == 2 else sensor_of
+    return of(plain, driven), of(spread, driven), joint
 
 
 def with_columns(

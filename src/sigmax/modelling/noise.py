@@ -60,6 +60,16 @@ def arguments_of(
     return (dt,) if count == 1 else (x, dt, *inputs)[:count]
 
 
+def motion_of(function: Callable[..., Any], driven: bool) -> Callable[..., Any]:
+    """A function (x, dt, *u) as one of x and dt, and of u where it is `driven`: what `takes` counts."""
+    return (lambda x, dt, u: function(x, dt, u)) if driven else (lambda x, dt: function(x, dt))
+
+
+def sensor_of(function: Callable[..., Any], driven: bool) -> Callable[..., Any]:
+    """A function (x, *u) as one of x, and of u where it is `driven`."""
+    return (lambda x, u: function(x, u)) if driven else (lambda x: function(x))
+
+
 def by_value(given: Any) -> Any:
     """Numbers as the rows of a matrix, so that equal ones give the same function; functions and None as they are."""
     if given is None or callable(given):

@@ -8,7 +8,7 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.modelling.checks import numbers
-from sigmax.modelling.noise import arrays_of, takes
+from sigmax.modelling.noise import arrays_of, motion_of, takes
 from sigmax.modelling.parts import Motion, made_once
 from sigmax.tracing import traceable
 
@@ -29,12 +29,6 @@ def join(first: Motion, second: Motion) -> Motion:
     def function(x: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
         return jnp.concatenate([one(x[:k], dt, *u), other(x[k:], dt)])
 
-    def with_inputs(x: jax.Array, dt: jax.Array, u: jax.Array) -> jax.Array:
-        return function(x, dt, u)
-
-    def without_inputs(x: jax.Array, dt: jax.Array) -> jax.Array:
-        return function(x, dt)
-
     def noise(a: Any, b: Any) -> Any:
         a, b = (of if callable(of) else numbers("the noise of a joined motion", of) for of in (a, b))
         if not callable(a) and not callable(b) and np.ndim(a) == np.ndim(b) == 1:
@@ -46,7 +40,7 @@ def join(first: Motion, second: Motion) -> Motion:
         return Q
 
     units = [unit for part in (first, second) for unit in part.units or ("",) * len(part.state)]
-    joined = with_inputs if first.inputs else without_inputs
+    joined = motion_of(function, bool(first.inputs))
     return Motion(joined, (*first.state, *second.state), noise, first.inputs, tuple(units))
 
 

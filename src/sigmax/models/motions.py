@@ -11,7 +11,7 @@ import numpy as np
 from sigmax.modelling.arguments import names_of, place_of, positive
 from sigmax.modelling.checks import numbers
 from sigmax.modelling.components import angle
-from sigmax.modelling.noise import of_each, on_diagonal, squares
+from sigmax.modelling.noise import motion_of, of_each, on_diagonal, squares
 from sigmax.modelling.parts import Motion, made_once
 from sigmax.models.join import join
 from sigmax.models.quadratic import quadratic_function
@@ -221,11 +221,8 @@ def quadratic(Phi0: Any, Phi_x: Any, Phi_xx: Any, names: Sequence[str] | None = 
     function, n = quadratic_function("Phi", Phi0, Phi_x, Phi_xx, Phi_u)
     state = names_of("names", [f"x{i}" for i in range(n)] if names is None else names, n)
 
-    def moved(x: jax.Array, dt: jax.Array) -> jax.Array:
-        return function(x)
-
-    def driven(x: jax.Array, dt: jax.Array, u: jax.Array) -> jax.Array:
-        return function(x, u)
+    def moved(x: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
+        return function(x, *u)
 
     def noise(covariance: Any) -> Callable[[jax.Array], jax.Array]:
         """Q of a step from its covariance (n, n) or variances (n,)."""
@@ -236,4 +233,4 @@ def quadratic(Phi0: Any, Phi_x: Any, Phi_xx: Any, names: Sequence[str] | None = 
 
         return Q
 
-    return Motion(moved if Phi_u is None else driven, state, noise)
+    return Motion(motion_of(moved, Phi_u is not None), state, noise)

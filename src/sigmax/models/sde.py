@@ -11,7 +11,7 @@ from sigmax.algebra.arrays import diagonal
 from sigmax.errors import InputError
 from sigmax.modelling.arguments import names_of, not_negative, number_of
 from sigmax.modelling.checks import finite, is_traced, members, numbers
-from sigmax.modelling.noise import takes
+from sigmax.modelling.noise import motion_of, takes
 from sigmax.modelling.parts import Motion, made_once
 from sigmax.tracing import traceable
 
@@ -112,16 +112,9 @@ def sde(
             y, sound = spread_along(density.astype(x.dtype), x, dt, *u)
             return checked(y, sound, dt)
 
-        return _of_inputs(Q, driven)
+        return motion_of(Q, driven)
 
-    return Motion(_of_inputs(flow, driven), names_of("state", state) if members(state) != [] else (), noise)
-
-
-def _of_inputs(function: Callable[..., jax.Array], driven: bool) -> Callable[..., jax.Array]:
-    """The function with as many arguments as it takes."""
-    if driven:
-        return lambda x, dt, u: function(x, dt, u)
-    return lambda x, dt: function(x, dt)
+    return Motion(motion_of(flow, driven), names_of("state", state) if members(state) != [] else (), noise)
 
 
 def _matrix(diffusion: Any) -> np.ndarray:

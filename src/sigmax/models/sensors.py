@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from sigmax.modelling.arguments import names_of, place_of, places_of, point_of
 from sigmax.modelling.checks import members
 from sigmax.modelling.components import angle
+from sigmax.modelling.noise import sensor_of
 from sigmax.modelling.parts import Sensor, made_once
 from sigmax.models.quadratic import quadratic_function
 from sigmax.models.receivers import (
@@ -83,15 +84,9 @@ def range_only(at: Sequence[int] = (0, 1), origin: Sequence[float] | None = None
         distance = length(*(x[i] - point[k] for k, i in enumerate(at)))
         return jnp.stack([distance if scale is None else x[scale] * distance])
 
-    def from_origin(x: jax.Array) -> jax.Array:
-        return measured(x, fixed)
-
-    def from_beacon(x: jax.Array, u: jax.Array) -> jax.Array:
-        return measured(x, u)
-
     if origin is not None:
-        return Sensor(from_origin, ("range",))
-    return Sensor(from_beacon, ("range",), tuple(f"beacon_{'xyz'[k]}" for k in range(len(at))))
+        return Sensor(lambda x: measured(x, fixed), ("range",))
+    return Sensor(measured, ("range",), tuple(f"beacon_{'xyz'[k]}" for k in range(len(at))))
 
 
 @made_once
@@ -176,12 +171,5 @@ def quadratic(H0: Any, H_x: Any, H_xx: Any, names: Sequence[str] | None = None, 
     """
     function, m = quadratic_function("H", H0, H_x, H_xx, H_u)
 
-    def seen(x: jax.Array) -> jax.Array:
-        return function(x)
-
-    def driven(x: jax.Array, u: jax.Array) -> jax.Array:
-        return function(x, u)
-
-    return Sensor(
-        seen if H_u is None else driven, names_of("names", [f"z{i}" for i in range(m)] if names is None else names, m)
-    )
+    components = names_of("names", [f"z{i}" for i in range(m)] if names is None else names, m)
+    return Sensor(sensor_of(function, H_u is not None), components)

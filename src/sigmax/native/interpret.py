@@ -89,7 +89,7 @@ def evaluate(g: Graph, closed: ClosedJaxpr, arguments: Sequence[Array]) -> list[
 def evaluate_closed(g: Graph, closed: ClosedJaxpr, arguments: Sequence[Array]) -> list[Array]:
     """The same, where what is known may stay an array of numbers."""
     jaxpr = closed.jaxpr
-    constants = [numbers_of(c, _dtype(v)) for c, v in zip(closed.consts, jaxpr.constvars, strict=True)]
+    constants = [numbers_of(c, dtype_of(v)) for c, v in zip(closed.consts, jaxpr.constvars, strict=True)]
     return evaluate_open(g, jaxpr, constants, arguments)
 
 
@@ -99,7 +99,7 @@ def evaluate_open(g: Graph, jaxpr: Jaxpr, constants: Sequence[Array], arguments:
     known |= zip(jaxpr.invars, arguments, strict=True)
 
     def read(variable: Any) -> Array:
-        return numbers_of(variable.val, _dtype(variable)) if isinstance(variable, Literal) else known[variable]
+        return numbers_of(variable.val, dtype_of(variable)) if isinstance(variable, Literal) else known[variable]
 
     outer = g.label
     for equation in jaxpr.eqns:
@@ -136,8 +136,8 @@ def _applied(g: Graph, equation: Any, arguments: Sequence[Array]) -> list[Array]
     name = equation.primitive.name
     if not all(hasattr(v.aval, "dtype") for v in (*equation.invars, *equation.outvars)):
         raise Refused(f"the operation {name!r}, which orders others, cannot be lowered to C")
-    types = [_dtype(v) for v in equation.invars]
-    all_types = [*types, *(_dtype(v) for v in equation.outvars)]
+    types = [dtype_of(v) for v in equation.invars]
+    all_types = [*types, *(dtype_of(v) for v in equation.outvars)]
     integers = any(_kind(t) in "iu" for t in all_types)
     found = (INTEGER_RULES if integers else RULES).get(name)
     arguments = [g.known(a, t) for a, t in zip(arguments, types, strict=True)]
@@ -173,7 +173,8 @@ def _kind(dtype: Any) -> str:
     return str(getattr(dtype, "kind", "V"))
 
 
-def _dtype(variable: Any) -> Any:
+def dtype_of(variable: Any) -> Any:
+    """The type of a variable of a trace."""
     return variable.aval.dtype
 
 

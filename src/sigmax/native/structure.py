@@ -10,6 +10,7 @@ from jax.extend.core import ClosedJaxpr
 
 from sigmax.native.graph import Array, Graph, boxed
 from sigmax.native.interpret import evaluate, evaluate_closed, rule
+from sigmax.native.kernels import KERNELS
 from sigmax.native.refusal import Refused
 
 _LONGEST_LOOP = 10_000
@@ -122,14 +123,7 @@ def body_of(equation: Any) -> ClosedJaxpr:
     return inner if hasattr(inner, "consts") else ClosedJaxpr(inner, [])
 
 
-# Functions of the algebra that stay one operation in a trace, by `sigmax_` and their name; the body is a parameter.
-ALGEBRA = (
-    *("times", "product", "outer", "inner", "cholesky", "tria", "absorb", "release", "solve_lower"),
-    "inverse_lower",
-)
-
-
-@rule(*(f"sigmax_{name}" for name in ALGEBRA), parameters="function tree", calls=True)
+@rule(*KERNELS, parameters="function tree", calls=True)
 def _of_algebra(g: Graph, equation: Any, *arrays: Array) -> list[Array]:
     return evaluate_closed(g, algebra_written_out(equation), arrays)
 

@@ -97,6 +97,4 @@ def _on_space(model: Model, prior: Gaussian) -> Gaussian:
         off = [name for name, far in zip(model.state, gap, strict=True) if not far < 1e-3]
         if off:
             raise InputError(f"the mean of the prior must have unit length where it turns or points, in {off}")
-    made = object.__new__(Gaussian)
-    made.mean, made.cov = near, prior.cov
-    return made
+    return Gaussian.unchecked(near, prior.cov)

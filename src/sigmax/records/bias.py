@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError, unknown
-from sigmax.modelling.noise import arrays_of, takes
+from sigmax.modelling.noise import arrays_of, sensor_of, takes
 from sigmax.models import Bias, Gaussian
 from sigmax.records.description import BiasPart
 from sigmax.records.sensor import Sensing
@@ -153,4 +153,4 @@ def _coefficients(effect: Effect, h: Callable[..., Any]) -> Any:
     def F(x: Any, *u: Any) -> Any:
         return added + scaled * jnp.asarray(h(x, *u))[:, None]
 
-    return (lambda x, u: F(x, u)) if takes(h, "the sensor", (1, 2)) == 2 else (lambda x: F(x))
+    return sensor_of(F, takes(h, "the sensor", (1, 2)) == 2)

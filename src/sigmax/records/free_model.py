@@ -80,18 +80,11 @@ def _with_value(model: Model, prior: Gaussian, name: str, value: Any) -> tuple[M
 
 def _known(prior: Gaussian, i: int, mean: Any) -> Gaussian:
     kept = np.arange(prior.dim) != i
-    return _gaussian(_with_mean(prior, i, mean), prior.cov * np.outer(kept, kept))
+    return Gaussian.unchecked(_with_mean(prior, i, mean), prior.cov * np.outer(kept, kept))
 
 
 def _with_mean(prior: Gaussian, i: int, mean: Any) -> Any:
     return arrays_of((prior.mean, mean)).where(np.arange(prior.size) == i, mean, prior.mean)
-
-
-def _gaussian(mean: Any, cov: Any) -> Gaussian:
-    """A prior of numbers that may be traced, unchecked."""
-    made = object.__new__(Gaussian)
-    made.mean, made.cov = mean, cov
-    return made
 
 
 def _with_prior(record: Record, prior: Gaussian, n: Number, value: Any) -> Gaussian:
@@ -99,8 +92,8 @@ def _with_prior(record: Record, prior: Gaussian, n: Number, value: Any) -> Gauss
     i = record.model.deviations.index(n.at[1])
     si = quantity(Freed(value, n.unit), record.dimensions[i], n.name)
     if n.at[2] == "mean":
-        return _gaussian(_with_mean(prior, i, si), prior.cov)
+        return Gaussian.unchecked(_with_mean(prior, i, si), prior.cov)
     array = arrays_of((prior.cov, si))
     at = np.zeros((prior.dim, prior.dim), bool)
     at[i, i] = True
-    return _gaussian(prior.mean, array.where(at, array.square(si), prior.cov))
+    return Gaussian.unchecked(prior.mean, array.where(at, array.square(si), prior.cov))

@@ -17,7 +17,17 @@ from sigmax.modelling.components import Components
 from sigmax.modelling.constraint import of_part
 from sigmax.modelling.gaussian import Gaussian
 from sigmax.modelling.model import Model
-from sigmax.modelling.noise import OF_MOTION, OF_SENSOR, arguments_of, arrays_of, by_value, dense_noise, takes
+from sigmax.modelling.noise import (
+    OF_MOTION,
+    OF_SENSOR,
+    arguments_of,
+    arrays_of,
+    by_value,
+    dense_noise,
+    motion_of,
+    sensor_of,
+    takes,
+)
 from sigmax.spaces import Flat, Space, product
 
 
@@ -127,9 +137,7 @@ def _motion(f: Any, driven: bool, at: _Joint, space: Space, B: Any) -> Any:
         C = B(*arguments_of(B, "B", OF_MOTION, x, dt, u)) if callable(B) else B
         return jnp.concatenate(at.order(_added(space, f(x, dt, *u[:driven]), C, b), b))
 
-    if driven or (callable(B) and takes(B, "B", OF_MOTION) == 3):
-        return lambda X, dt, u: moved(X, dt, u)
-    return lambda X, dt: moved(X, dt)
+    return motion_of(moved, driven or (callable(B) and takes(B, "B", OF_MOTION) == 3))
 
 
 @lru_cache(maxsize=256)
@@ -139,9 +147,7 @@ def _sensor(h: Any, driven: bool, at: _Joint, space: Space, F: Any) -> Any:
         C = F(*arguments_of(F, "F", OF_SENSOR, x, None, u)) if callable(F) else F
         return _added(space, h(x, *u[:driven]), C, b)
 
-    if driven or (callable(F) and takes(F, "F", OF_SENSOR) == 2):
-        return lambda X, u: seen(X, u)
-    return lambda X: seen(X)
+    return sensor_of(seen, driven or (callable(F) and takes(F, "F", OF_SENSOR) == 2))
 
 
 @lru_cache(maxsize=256)
@@ -155,9 +161,7 @@ def _domain(domain: Any, at: _Joint) -> Any:
 
 @lru_cache(maxsize=256)
 def _of_state(R: Any, at: _Joint) -> Any:
-    if takes(R, "R", OF_SENSOR) == 2:
-        return lambda X, u: R(at.state(X), u)
-    return lambda X: R(at.state(X))
+    return sensor_of(lambda X, *u: R(at.state(X), *u), takes(R, "R", OF_SENSOR) == 2)
 
 
 def _noise(Q: Any, Qb: Any, at: _Joint) -> Any:
@@ -195,6 +199,4 @@ def _noise_function(Q: Any, Qb: Any, at: _Joint) -> Any:
         return jax.scipy.linalg.block_diag(*(jnp.diag(value) if value.ndim == 1 else value for value in values))
 
     most = max(takes(part, "Q", OF_MOTION) if callable(part) else 1 for part in (Q, Qb))
-    if most == 1:
-        return lambda dt: both(None, dt)
-    return (lambda X, dt: both(X, dt)) if most == 2 else (lambda X, dt, u: both(X, dt, u))
+    return (lambda dt: both(None, dt)) if most == 1 else motion_of(both, most == 3)

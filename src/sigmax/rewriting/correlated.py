@@ -13,7 +13,7 @@ from sigmax.algebra.factor import cholesky, pivoted, solve_lower
 from sigmax.errors import InputError, unknown
 from sigmax.modelling.checks import numbers
 from sigmax.modelling.model import Model, check_added, check_flat
-from sigmax.modelling.noise import OF_MOTION, OF_SENSOR, arguments_of, by_value, dense_noise
+from sigmax.modelling.noise import OF_MOTION, OF_SENSOR, arguments_of, by_value
 from sigmax.modelling.switching import check_one_mode
 from sigmax.rewriting.stack import fronted, noise_of_sensor
 from sigmax.spaces import Space
@@ -98,6 +98,13 @@ def correlation(model: Model, sensor: str, value: Any, size: int) -> Any:
     return matrix
 
 
+def covariance_over(Q: Any, x: jax.Array, dt: jax.Array, u: tuple[jax.Array, ...]) -> jax.Array:
+    """The covariance of the motion's noise over an interval, of a function or of the rows of a matrix."""
+    value = jnp.asarray(Q(*arguments_of(Q, "Q", OF_MOTION, x, dt, u)) if callable(Q) else Q).astype(x.dtype)
+    value = value if callable(Q) else value * dt
+    return jnp.diag(value) if value.ndim == 1 else value
+
+
 def after(z: Any, u: Any = None) -> np.ndarray:
     """The inputs (k + 2m,) of a motion that follows a measurement z (m,), NaN where it is missing, with its own u (k,).
 
@@ -157,10 +164,7 @@ def _moved(f: Callable[..., Any], driven: bool, sensors: tuple[_Sensor, ...], ex
 @lru_cache(maxsize=256)
 def _left(Q: Any, sensors: tuple[_Sensor, ...], extra: int) -> Callable[..., Any]:
     def noise(x: jax.Array, dt: jax.Array, u: jax.Array) -> jax.Array:
-        own = (u[: u.shape[0] - extra],)
-        value = jnp.asarray(Q(*arguments_of(Q, "Q", OF_MOTION, x, dt, own)) if callable(Q) else dense_noise(Q))
-        value = value.astype(x.dtype) if callable(Q) else value.astype(x.dtype) * dt
-        value = jnp.diag(value) if value.ndim == 1 else value
+        value = covariance_over(Q, x, dt, (u[: u.shape[0] - extra],))
         for W, _ in _common(sensors, x, u, extra):
             value = value - inner(W, W)
         return value

@@ -15,8 +15,8 @@ from sigmax.modelling.components import Components
 from sigmax.modelling.constraint import of_part
 from sigmax.modelling.gaussian import Gaussian
 from sigmax.modelling.model import Model
-from sigmax.modelling.noise import OF_MOTION, arguments_of, by_value, takes
-from sigmax.rewriting.correlated import correlation, correlations_of
+from sigmax.modelling.noise import OF_MOTION, by_value, motion_of, sensor_of, takes
+from sigmax.rewriting.correlated import correlation, correlations_of, covariance_over
 from sigmax.spaces import Flat, product
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -69,9 +69,10 @@ def correlated_at_end(model: Model, prior: Gaussian, S: Any) -> tuple[Model, Gau
 
 @lru_cache(maxsize=256)
 def _moved(f: Callable[..., Any], driven: bool, n: int, more: int) -> Callable[..., Any]:
-    if driven:
-        return lambda X, dt, u: jnp.concatenate([jnp.asarray(f(X[:n], dt, u)), jnp.zeros(more, X.dtype)])
-    return lambda X, dt: jnp.concatenate([jnp.asarray(f(X[:n], dt)), jnp.zeros(more, X.dtype)])
+    def moved(X: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
+        return jnp.concatenate([jnp.asarray(f(X[:n], dt, *u)), jnp.zeros(more, X.dtype)])
+
+    return motion_of(moved, driven)
 
 
 @lru_cache(maxsize=256)
@@ -80,7 +81,7 @@ def _seen(h: Callable[..., Any], driven: bool, n: int, noise: tuple[int, int] | 
         z = jnp.asarray(h(X[:n], *u))
         return z if noise is None else z + X[noise[0] : noise[1]]
 
-    return (lambda X, u: measured(X, u)) if driven else (lambda X: measured(X))
+    return sensor_of(measured, driven)
 
 
 @lru_cache(maxsize=256)
@@ -91,11 +92,8 @@ def _kept(domain: Callable[..., Any], n: int) -> Callable[..., Any]:
 @lru_cache(maxsize=256)
 def _together(Q: Any, n: int, S: Matrix, R: Matrix) -> Callable[..., Any]:
     def noise(X: jax.Array, dt: jax.Array, *u: jax.Array) -> jax.Array:
-        value = jnp.asarray(Q(*arguments_of(Q, "Q", OF_MOTION, X[:n], dt, u)) if callable(Q) else Q).astype(X.dtype)
-        value = value if callable(Q) else value * dt
-        value = jnp.diag(value) if value.ndim == 1 else value
+        value = covariance_over(Q, X[:n], dt, u)
         cross = jnp.asarray(S, X.dtype)
         return jnp.block([[value, cross], [cross.T, jnp.asarray(R, X.dtype)]])
 
-    driven = callable(Q) and takes(Q, "Q", OF_MOTION) == 3
-    return (lambda X, dt, u: noise(X, dt, u)) if driven else (lambda X, dt: noise(X, dt))
+    return motion_of(noise, callable(Q) and takes(Q, "Q", OF_MOTION) == 3)

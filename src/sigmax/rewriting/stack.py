@@ -11,7 +11,7 @@ import numpy as np
 from sigmax.algebra.factor import Diagonal
 from sigmax.modelling.components import components
 from sigmax.modelling.model import Model
-from sigmax.modelling.noise import OF_MOTION, OF_SENSOR, by_value, dense_noise, takes
+from sigmax.modelling.noise import OF_MOTION, OF_SENSOR, by_value, dense_noise, sensor_of, takes
 from sigmax.rewriting.fusion import Block, inputs_behind, name_of
 
 
@@ -58,9 +58,7 @@ def _stacked(functions: tuple[Callable[..., Any], ...], driven: tuple[bool, ...]
         given = [_front(v, extra) for v in u]
         return jnp.concatenate([jnp.asarray(h(x, *given[:d])) for h, d in zip(functions, driven, strict=True)])
 
-    if any(driven):
-        return lambda x, u: all_of(x, u)
-    return lambda x: all_of(x)
+    return sensor_of(all_of, any(driven))
 
 
 def noise_of_motion(Q: Any, extra: int) -> Any:

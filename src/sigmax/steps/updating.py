@@ -82,7 +82,7 @@ def observing(
         residual = jnp.where(seen, onto.difference(onto.nearest(measured), line.mean), 0)
         slope = jnp.where(seen[:, None], line.slope, 0)
         line = line._replace(
-            slope=slope if moved is None or D is None else _over(moved.unturned(slope), D),
+            slope=slope if moved is None or D is None else right_solve(moved.unturned(slope), D),
             residual=jnp.where(seen[:, None], line.residual, 0),
             deficit=jnp.where(seen[:, None], line.deficit, 0),
         )
@@ -200,7 +200,7 @@ def columns_scaled(L: Matrix, by: jax.Array) -> Matrix:
     return Diagonal(L.entries * by) if isinstance(L, Diagonal) else L * by[None]
 
 
-def _over(E: jax.Array, D: jax.Array) -> jax.Array:
+def right_solve(E: jax.Array, D: jax.Array) -> jax.Array:
     """E D⁻¹ (m, n, ...) for a lower triangle D."""
     turned = D[::-1, ::-1].swapaxes(0, 1)
     return solve_lower(turned, E.swapaxes(0, 1)[::-1])[::-1].swapaxes(0, 1)

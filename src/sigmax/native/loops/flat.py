@@ -9,20 +9,12 @@ import jax
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 
 from sigmax.native.graph import numbers_of
-from sigmax.native.interpret import RULES
+from sigmax.native.interpret import RULES, dtype_of
+from sigmax.native.kernels import KERNELS
 from sigmax.native.structure import CALLS, algebra_written_out, body_of
 
 # A loop of known length is written out up to so many passes.
 _PASSES = 64
-# Functions of the algebra that have a loop of their own, by the axes of their arguments: others are written out.
-_MATRICES: dict[str, tuple[tuple[int, ...], ...]] = {
-    "times": ((2, 1),),
-    **dict.fromkeys(("product", "outer", "inner"), ((2, 2),)),
-    **dict.fromkeys(("cholesky", "tria", "inverse_lower"), ((2,),)),
-    "absorb": ((2, 2, 2), (1, 2, 2)),
-    "release": ((2, 2, 2),),
-    "solve_lower": ((2, 1), (2, 2)),
-}
 
 
 class Call(NamedTuple):
@@ -48,11 +40,13 @@ def flat(closed: ClosedJaxpr) -> Flat:
 
     def through(body: ClosedJaxpr, arguments: Sequence[Any], label: str) -> list[Any]:
         jaxpr = body.jaxpr
-        known: dict[Any, Any] = {v: numbers_of(c, _dtype(v)) for v, c in zip(jaxpr.constvars, body.consts, strict=True)}
+        known: dict[Any, Any] = {
+            v: numbers_of(c, dtype_of(v)) for v, c in zip(jaxpr.constvars, body.consts, strict=True)
+        }
         known |= zip(jaxpr.invars, arguments, strict=True)
 
         def read(v: Any) -> Any:
-            return numbers_of(v.val, _dtype(v)) if isinstance(v, Literal) else known[v]
+            return numbers_of(v.val, dtype_of(v)) if isinstance(v, Literal) else known[v]
 
         for equation in jaxpr.eqns:
             given = [read(v) for v in equation.invars]
@@ -62,7 +56,7 @@ def flat(closed: ClosedJaxpr) -> Flat:
                 made = through(body_of(equation), given, own)
             elif name == "scan" and equation.params["length"] <= _PASSES:
                 made = through(_unrolled(equation), given, own)
-            elif name.startswith("sigmax_") and not _of_matrices(equation):
+            elif name in KERNELS and not KERNELS[name].fits(equation):
                 made = through(algebra_written_out(equation), given, own)
             else:
                 made = [next(numbers) for _ in equation.outvars]
@@ -73,15 +67,6 @@ def flat(closed: ClosedJaxpr) -> Flat:
     inputs = tuple(next(numbers) for _ in closed.jaxpr.invars)
     outputs = through(closed, inputs, "")
     return Flat(inputs, _needed(calls, outputs), tuple(outputs))
-
-
-def _dtype(variable: Any) -> Any:
-    return variable.aval.dtype
-
-
-def _of_matrices(equation: Any) -> bool:
-    axes = tuple(len(v.aval.shape) for v in equation.invars)
-    return axes in _MATRICES[equation.primitive.name.removeprefix("sigmax_")]
 
 
 def _needed(calls: Sequence[Call], outputs: Sequence[Any]) -> tuple[Call, ...]:
@@ -150,8 +135,8 @@ def _operations(equation: Any) -> int:
     rule = RULES.get(name)
     if rule is not None and rule.moves:
         return 0
-    if name.startswith("sigmax_"):
-        return _of_algebra(name.removeprefix("sigmax_"), shapes)
+    if name in KERNELS:
+        return KERNELS[name].operations(*shapes)
     size = sum(math.prod(v.aval.shape) for v in equation.outvars)
     if name == "dot_general":
         (contracted, _), _ = equation.params["dimension_numbers"]
@@ -159,21 +144,3 @@ def _operations(equation: Any) -> int:
     if name.startswith("reduce_"):
         return math.prod(shapes[0])
     return size
-
-
-def _of_algebra(name: str, shapes: Sequence[tuple[int, ...]]) -> int:
-    match name, shapes:
-        case "times" | "product" | "outer" | "inner", [a, b]:
-            inside = a[0] if name == "inner" else a[1]
-            return 2 * math.prod(a) * math.prod(b) // max(inside, 1)
-        case "cholesky" | "inverse_lower", [a]:
-            return a[0] ** 3 // 3
-        case "tria", [(r, k, *_)]:
-            return 2 * r * r * k - 2 * r**3 // 3
-        case "absorb", [_, (m, k, *_), (n, *_)]:
-            return 2 * m * (m + 2 * n) * k
-        case "release", [(n, *_), (_, q, *_), (p, *_)]:
-            return 2 * n * (n + 2 * p) * q
-        case "solve_lower", [a, b]:
-            return a[0] * math.prod(b)
-    return sum(map(math.prod, shapes))
