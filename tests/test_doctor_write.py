@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sigmax.corrections.correct import correct
 
 import sigmax
 from sigmax.cli.app import app
 from sigmax.examination import Finding
 from sigmax.records import load
-from sigmax.records.correct import correct
 from tests.own_records import RADAR, radar_table, write_csv
 from tests.records.test_own import write_rover
 

@@ -5,16 +5,16 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from sigmax.corrections.fit_toml import fitted
+from sigmax.corrections.free_model import build_of
+from sigmax.corrections.free_numbers import find
+from sigmax.corrections.refit import refit
 from typer.testing import CliRunner
 
 import sigmax
 from sigmax.cli.app import app
 from sigmax.errors import InputError
 from sigmax.records import load
-from sigmax.records.fit_toml import fitted
-from sigmax.records.free_model import build_of
-from sigmax.records.free_numbers import find
-from sigmax.records.refit import refit
 
 TOML = """data = "{data}"
 time = "t"

@@ -327,7 +327,7 @@ def test_a_file_of_functions_in_numpy_runs_from_a_description(tmp_path):
         "import numpy as np\nfrom math import sin\n\n\ndef motion(x, dt):\n    F = np.eye(2)\n    F[0, 1] = dt\n"
         "    return F @ x\n\n\ndef sensor(x):\n    return [sin(x[0])]\n"
     )
-    from sigmax.records.userfile import Functions
+    from sigmax.files.userfile import Functions
 
     functions = Functions(tmp_path)
     made = sigmax.Model(

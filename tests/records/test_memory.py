@@ -12,8 +12,8 @@ import pytest
 from pyarrow import parquet
 
 from sigmax.errors import InputError
-from sigmax.records import memory
-from sigmax.records.read_table import read_table
+from sigmax.files import memory
+from sigmax.files.read_table import read_table
 from tests.own_records import write_radar
 
 GIB = 1 << 30
@@ -49,7 +49,7 @@ def test_a_file_too_large_is_refused_before_it_is_read(
 
 def test_the_limit_of_the_process_counts() -> None:
     code = (
-        "import resource; from sigmax.records.memory import memory_left\n"
+        "import resource; from sigmax.files.memory import memory_left\n"
         "resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30)); print(memory_left())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -9,13 +9,13 @@ import pandas as pd
 import pytest
 
 import sigmax
+from sigmax.descriptions.motion import KINDS as MOTIONS
+from sigmax.descriptions.sensor import KINDS as SENSORS
 from sigmax.errors import InputError
-from sigmax.records import check, load, parse_trial, track
-from sigmax.records.motion import KINDS as MOTIONS
-from sigmax.records.sensor import KINDS as SENSORS
-from sigmax.records.units import (
+from sigmax.files.units import (
     ANGLE,
 )
+from sigmax.records import check, load, parse_trial, track
 from tests.own_records import RADAR, radar_table, tracked_radar, write_csv, write_radar
 from tests.test_receivers import KINDS as RECEIVERS
 
@@ -88,8 +88,8 @@ def test_a_track_is_the_same_alone_and_in_company(radar: sigmax.records.Record) 
 
 
 def test_three_dimensional_first_position() -> None:
+    from sigmax.descriptions.sensor import Sensing, first_position
     from sigmax.models import sensors
-    from sigmax.records.sensor import Sensing, first_position
 
     made = sensors.range_azimuth((0, 1, 2), (10.0, 20.0, 30.0))
     variances = np.array([4.0, 1e-4, 4e-4])

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from sigmax.proposals.suggest import propose
 
 import sigmax
 from sigmax.errors import InputError
+from sigmax.files.read_table import read_table
 from sigmax.models.earth import local_velocity, to_local
 from sigmax.records import load
-from sigmax.records.read_table import read_table
-from sigmax.records.suggest import propose
 from tests.test_cli import cli
 
 START = datetime.datetime(2024, 5, 1, 12, tzinfo=datetime.UTC)

@@ -7,8 +7,8 @@ import pytest
 
 import sigmax
 from sigmax.errors import InputError
+from sigmax.files.read_table import read_table
 from sigmax.records import check, load, parse_trial
-from sigmax.records.read_table import read_table
 from tests.own_records import RADAR, radar_table, tracked_radar, write_radar
 
 

@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 
 from sigmax.errors import InputError
+from sigmax.files import read_table
 from sigmax.logs import read_log
-from sigmax.records import Record, load, read_table
+from sigmax.records import Record, load
 from tests.records.logs_written import ulog
 from tests.records.test_proposals import world
 

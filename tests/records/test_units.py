@@ -5,7 +5,7 @@ import math
 import pytest
 
 from sigmax.errors import InputError
-from sigmax.records.units import (
+from sigmax.files.units import (
     ACCELERATION,
     ANGLE,
     LENGTH,

@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from sigmax.descriptions.local import with_local
 from sigmax.errors import InputError
+from sigmax.files.description import LocalPart
+from sigmax.files.table import Table
 from sigmax.records import load_plots
-from sigmax.records.description import LocalPart
-from sigmax.records.local import with_local
-from sigmax.records.table import Table
 from sigmax.serving import Checkpoint, Feed, Service
 from sigmax.serving.ends import End, parse_end
 from sigmax.serving.lines import Line, Splitter, quoted

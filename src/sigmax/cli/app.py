@@ -46,7 +46,7 @@ def allow_callback(
 ) -> None:
     """Nonlinear Kalman filtering on recorded measurements."""
     if allow:
-        from sigmax.records.userfile import functions_allowed_from
+        from sigmax.files.userfile import functions_allowed_from
 
         context.with_resource(functions_allowed_from(*allow))
 

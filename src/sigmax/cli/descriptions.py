@@ -6,9 +6,9 @@ from typing import NamedTuple
 from rich.console import Console
 from rich.markup import escape
 
+from sigmax.corrections.correct import Correction
 from sigmax.errors import InputError
 from sigmax.records import load
-from sigmax.records.correct import Correction
 
 
 class Beside(NamedTuple):

@@ -12,12 +12,12 @@ from rich.markup import escape
 
 from sigmax.cli.descriptions import Beside
 from sigmax.cli.progress import progress_on
+from sigmax.corrections.correct import correct
 from sigmax.errors import InputError, unknown
 from sigmax.examination import Examination, doctor, not_examined
 from sigmax.filters import Filter
 from sigmax.models import Gaussian, Model
 from sigmax.records import Outcome, Record, load, load_plots, parse_trial
-from sigmax.records.correct import correct
 from sigmax.reports import Examined, Grade, Score, grade
 
 _CORRECTED = Beside("corrected", "doctor")

@@ -9,8 +9,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from sigmax.cli.descriptions import Beside
-from sigmax.records.fit_toml import fitted
-from sigmax.records.refit import Refit, refit
+from sigmax.corrections.fit_toml import fitted
+from sigmax.corrections.refit import Refit, refit
 from sigmax.reports.fit_page import FILES, HEADS, in_numbers, rows, verdict, write_fit
 from sigmax.reports.folder import check_folder
 

@@ -15,11 +15,11 @@ from sigmax.cli import NO_RESULT, WRONG_INPUT
 from sigmax.cli.doctor import examine_worst, no_tracks, proposal
 from sigmax.cli.progress import progress_on
 from sigmax.errors import InputError
+from sigmax.files.read_table import is_table
+from sigmax.proposals.suggest import propose
 from sigmax.records import Outcome, Record, check, load, load_plots, parse_trial, robust_trial, track
 from sigmax.records.beginning import WORDS, from_measurements
 from sigmax.records.load import description_of
-from sigmax.records.read_table import is_table
-from sigmax.records.suggest import propose
 from sigmax.reports import Grade, Score, check_folder, grade, score, verdict, write
 from sigmax.reports.verdict import best_of_heavy_tails, nis_in_words, significant
 

@@ -1,10 +1,11 @@
 """Records: real measurements with the model for them, built in or the user's own."""
 
+from sigmax.descriptions.trial import Trial, parse_trial, with_updates
+from sigmax.files.userfile import functions_allowed_from
 from sigmax.records.find_model import find_model
 from sigmax.records.load import builtin, load, load_plots
-from sigmax.records.record import Backdrop, Record, Trial, parse_trial, with_updates
+from sigmax.records.record import Backdrop, Record
 from sigmax.records.tracking import Outcome, check, robust_trial, track
-from sigmax.records.userfile import functions_allowed_from
 
 __all__ = [
     "Backdrop",

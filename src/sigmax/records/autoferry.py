@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 
 from sigmax.errors import InputError
+from sigmax.files.units import LENGTH, SPEED
 from sigmax.filters import Filter
 from sigmax.models import Model, Sensor, motions, sensors
 from sigmax.records.plots import PlotRecord
-from sigmax.records.units import LENGTH, SPEED
 from sigmax.tracking import (
     Cycle,
     Detector,

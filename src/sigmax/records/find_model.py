@@ -3,12 +3,12 @@
 from pathlib import Path
 
 from sigmax.errors import InputError
+from sigmax.files.userfile import Functions, called, check_runnable, is_reference
 from sigmax.models import Gaussian, Model
 from sigmax.models.builtin import BUILTIN, Scenario, builtin
 from sigmax.records.load import builtin as builtin_records
 from sigmax.records.load import load
 from sigmax.records.record import Record
-from sigmax.records.userfile import Functions, called, check_runnable, is_reference
 
 
 def find_model(name: str, folder: Path | None = None) -> Scenario:

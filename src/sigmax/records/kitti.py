@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sigmax.descriptions.trial import parse_trial
+from sigmax.files.units import ACCELERATION, ANGLE, LENGTH, SPEED, TURN_RATE
 from sigmax.models import Model, navigation
 from sigmax.records.gtsam_data import gtsam_data
-from sigmax.records.record import Record, parse_trial
-from sigmax.records.units import ACCELERATION, ANGLE, LENGTH, SPEED, TURN_RATE
+from sigmax.records.record import Record
 
 SIDEWAYS_EVERY = 50
 

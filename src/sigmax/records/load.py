@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from sigmax.errors import InputError, unknown
-from sigmax.records.plot_description import describes_plots
-from sigmax.records.read_table import is_table
+from sigmax.files.plot_description import describes_plots
+from sigmax.files.read_table import is_table
 from sigmax.records.record import Record
 
 # Whoever tracks no plots need not wait for the tracker.
@@ -92,7 +92,7 @@ def load(name: str) -> Record:
 
         return own(path)
     if is_table(path):
-        from sigmax.records.suggest import propose
+        from sigmax.proposals.suggest import propose
 
         toml, remarks = propose(path)
         raise InputError(

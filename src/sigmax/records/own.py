@@ -7,22 +7,23 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sigmax.descriptions.built import Built
+from sigmax.descriptions.delays import Rows, undelayed
+from sigmax.descriptions.landmarks import with_landmark_inputs, with_landmarks
+from sigmax.descriptions.local import placed
+from sigmax.descriptions.model import build
+from sigmax.descriptions.prior import ALL_FROM, FROM, read_prior, search
+from sigmax.descriptions.several import read_data
+from sigmax.descriptions.trial import parse_trial
 from sigmax.errors import InputError, unknown
+from sigmax.files.description import Column, Description, TimeColumn, read_toml
+from sigmax.files.table import Table
+from sigmax.files.units import TIME, Dimension, parse_unit, to_si
 from sigmax.models import Gaussian
+from sigmax.proposals.doubts import doubts
+from sigmax.proposals.likely import counted_since_1970
 from sigmax.records.beginning import from_measurements
-from sigmax.records.built import Built
-from sigmax.records.delays import Rows, undelayed
-from sigmax.records.description import Column, Description, TimeColumn, read_toml
-from sigmax.records.doubts import doubts
-from sigmax.records.landmarks import with_landmark_inputs, with_landmarks
-from sigmax.records.likely import counted_since_1970
-from sigmax.records.local import placed
-from sigmax.records.model import build
-from sigmax.records.prior import ALL_FROM, FROM, read_prior, search
-from sigmax.records.record import Record, parse_trial
-from sigmax.records.several import read_data
-from sigmax.records.table import Table
-from sigmax.records.units import TIME, Dimension, parse_unit, to_si
+from sigmax.records.record import Record
 
 # Padding may take this many times the room of the data, or this many steps.
 _PADDING, _ROOM = 8, 4_000_000

@@ -6,20 +6,20 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from sigmax.descriptions.built import Built
+from sigmax.descriptions.local import MADE, frame_of, local_columns, placed, with_local
+from sigmax.descriptions.located import locate
+from sigmax.descriptions.model import build
+from sigmax.descriptions.trial import parse_trial, with_updates
 from sigmax.errors import InputError, unknown
+from sigmax.files.description import read_toml
+from sigmax.files.plot_description import DetectionPart, PlotDescription, TrackingPart, extent_of
+from sigmax.files.read_table import data_of, read_table
+from sigmax.files.units import LENGTH, SPEED, TIME, quantity
 from sigmax.filters import Filter
 from sigmax.modelling.switching import SwitchingModel
-from sigmax.records.built import Built
-from sigmax.records.description import read_toml
-from sigmax.records.local import MADE, frame_of, local_columns, placed, with_local
-from sigmax.records.located import locate
-from sigmax.records.model import build
 from sigmax.records.own import check_columns, columns, instants, measured_columns
-from sigmax.records.plot_description import DetectionPart, PlotDescription, TrackingPart, extent_of
 from sigmax.records.plots import PlotRecord
-from sigmax.records.read_table import data_of, read_table
-from sigmax.records.record import parse_trial, with_updates
-from sigmax.records.units import LENGTH, SPEED, TIME, quantity
 from sigmax.tracking import (
     Cycle,
     Detector,

@@ -3,10 +3,11 @@
 import jax
 import numpy as np
 
+from sigmax.descriptions.trial import parse_trial
+from sigmax.files.units import ANGLE, LENGTH, NUMBER
 from sigmax.models import Gaussian, Model, motions, sensors
 from sigmax.records.gtsam_data import gtsam_data
-from sigmax.records.record import Record, parse_trial
-from sigmax.records.units import ANGLE, LENGTH, NUMBER
+from sigmax.records.record import Record
 
 # Standard deviations. These four were chosen once, as the most likely of a coarse grid on run 2, and not
 # touched for run 1: a range 0.5, 0.55 or 0.6 m, a position 0.02, 0.05 or 0.1 m and a heading 0.005, 0.01,

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from sigmax.files.frame import Placed
+from sigmax.files.units import Dimension
 from sigmax.filters import Filter
-from sigmax.records.frame import Placed
-from sigmax.records.units import Dimension
 from sigmax.tracking import Cycle, Scan, Truth
 
 

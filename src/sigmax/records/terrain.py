@@ -4,10 +4,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sigmax.descriptions.trial import parse_trial
 from sigmax.errors import InputError
+from sigmax.files.units import ACCELERATION, LENGTH, SPEED
 from sigmax.models import Elevation, Gaussian, Model, inertial_errors, radio_altimeter
-from sigmax.records.record import Backdrop, Record, parse_trial
-from sigmax.records.units import ACCELERATION, LENGTH, SPEED
+from sigmax.records.record import Backdrop, Record
 
 # Standard deviations of the inertial system at the start: height, vertical velocity and acceleration, horizontal
 # velocities and positions; and of their noise after one second.

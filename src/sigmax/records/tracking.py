@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from sigmax.descriptions.trial import Trial
 from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.modelling.model import Model
 from sigmax.native.refusal import user_line
 from sigmax.preparation.prepare import prepare
-from sigmax.records.record import Record, Trial
+from sigmax.records.record import Record
 from sigmax.results.result import Result
 from sigmax.rules import SigmaPoints
 from sigmax.running.run import run

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 import sigmax
+from sigmax.corrections.refit import Refit
 from sigmax.fitting import Along, Fit
 from sigmax.fitting.result import INTERVAL
-from sigmax.records.refit import Refit
 from sigmax.reports.document import data, document, lead, place, section, table
 from sigmax.reports.figures import Figure, colour
 from sigmax.reports.folder import check_folder, versions, write_json

@@ -14,9 +14,9 @@ from pyarrow import parquet
 
 import sigmax
 from sigmax.errors import InputError
+from sigmax.files.frame import Frame
 from sigmax.leftovers import clear_leftovers
 from sigmax.records import Outcome, Record
-from sigmax.records.frame import Frame
 from sigmax.reports.examined import Examined
 from sigmax.reports.grade import grade
 from sigmax.reports.page import page

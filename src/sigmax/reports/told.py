@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sigmax.files.units import Dimension
 from sigmax.records import Record
-from sigmax.records.units import Dimension
 from sigmax.running import Result
 from sigmax.spaces import Space, in_world_axes, readable
 

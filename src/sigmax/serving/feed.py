@@ -11,13 +11,13 @@ import numpy as np
 import orjson
 
 import sigmax
+from sigmax.descriptions.trial import parse_trial
 from sigmax.errors import InputError, unknown
-from sigmax.records.description import read_toml
+from sigmax.files.description import read_toml
+from sigmax.files.plot_description import PlotDescription
+from sigmax.files.units import TIME, quantity, to_si
 from sigmax.records.own import measured_columns
 from sigmax.records.own_plots import build_plots, cycle_of, period_of
-from sigmax.records.plot_description import PlotDescription
-from sigmax.records.record import parse_trial
-from sigmax.records.units import TIME, quantity, to_si
 from sigmax.serving.gather import Plot
 from sigmax.serving.numbers import FeedColumn, LocalRows, column_of, feed_column, number_of, numbers_of, with_nan
 from sigmax.tracking import Cycle, Scan

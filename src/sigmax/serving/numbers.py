@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import orjson
 
+from sigmax.descriptions.local import DOWN, FARTHEST, POSITION, UP, VELOCITY, distance, frame_among
 from sigmax.errors import InputError
-from sigmax.records.description import Column, LocalPart
-from sigmax.records.local import DOWN, FARTHEST, POSITION, UP, VELOCITY, distance, frame_among
-from sigmax.records.units import ANGLE, LENGTH, NUMBER, SPEED, parse_unit, quantity, to_si
+from sigmax.files.description import Column, LocalPart
+from sigmax.files.units import ANGLE, LENGTH, NUMBER, SPEED, parse_unit, quantity, to_si
 
 _PLAIN = {int, float, type(None)}
 

@@ -12,12 +12,12 @@ import numpy as np
 from pydantic import Field
 
 from sigmax.errors import InputError, unknown
+from sigmax.files.description import Section, read_toml
+from sigmax.files.userfile import Functions, called, check_runnable, is_reference
 from sigmax.filters import Filter
 from sigmax.models.builtin import BUILTIN, Scenario
 from sigmax.records import find_model, load, parse_trial
-from sigmax.records.description import Section, read_toml
 from sigmax.records.load import builtin as builtin_records
-from sigmax.records.userfile import Functions, called, check_runnable, is_reference
 from sigmax.studies.named import NAMED
 from sigmax.studies.of_record import of_record
 from sigmax.studies.study import Study, undisturbed

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sigmax.files.units import ANGLE, TURN_RATE, Dimension
 from sigmax.records import Outcome, Record
-from sigmax.records.units import ANGLE, TURN_RATE, Dimension
 from sigmax.running import Result
 
 Figure = dict[str, Any]

@@ -4,8 +4,8 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from sigmax.files.frame import Placed
 from sigmax.records import Backdrop, Record
-from sigmax.records.frame import Placed
 from sigmax.reports.figures.draw import (
     INK,
     MUTED,
