@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.arrays import Lifted
+from sigmax.algebra.compiling import compiled
 from sigmax.algebra.factor import cholesky
 from sigmax.engine.backend import natively
 from sigmax.engine.job import rows as job_of_rows
@@ -22,6 +23,7 @@ from sigmax.rules import Rule
 _TRACKS = 1024
 # Rounds in turn: as many as a second allows, on a busy machine the more the better.
 _ROUNDS, _SECONDS = 25, 1.0
+_factor = compiled(cholesky)
 
 
 def seconds_of(
@@ -33,7 +35,7 @@ def seconds_of(
     """
     mean = np.asarray(prior.mean if prior.mean.ndim == 1 else prior.mean[0], float)
     cov = np.asarray(prior.cov if prior.cov.ndim == 2 else prior.cov[0], float)
-    factor = np.asarray(cholesky(jnp.asarray(cov))[0])
+    factor = np.asarray(_factor(cov)[0])
     rng = np.random.default_rng(0)
     x = mean + rng.standard_normal((_TRACKS, len(mean))) @ factor.T
     # A factor as a filter has it: all components correlated.

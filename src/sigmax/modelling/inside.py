@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.algebra.arrays import Lifted, product
+from sigmax.algebra.compiling import compiled
 from sigmax.algebra.factor import cholesky, safe_sqrt
 from sigmax.dependence import reading
 from sigmax.errors import InputError
@@ -19,6 +20,7 @@ from sigmax.rules.linearization import Linearization, Rule, slope_of
 from sigmax.tracing import traceable
 
 _Three = tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]
+_factor = compiled(cholesky)
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ def inside(function: Callable[..., Any], noise: Any, size: int | None = None) ->
     if C.ndim != 2 or C.shape[0] != C.shape[1] or size not in (None, len(C)):
         raise InputError(f"the noise inside is a covariance (q, q) or q variances; it has the shape {value.shape}")
     symmetric_semidefinite("the noise inside", C)
-    root = np.asarray(cholesky(jnp.asarray(C))[0])
+    root = np.asarray(_factor(C)[0])
     return Inside(traceable(function), tuple(map(tuple, root.tolist())), len(C))
 
 

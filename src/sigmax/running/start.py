@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import jax
@@ -126,7 +126,7 @@ def _known(model: Model, within: Mapping[str, float] | None) -> np.ndarray:
 def _one(model: Model, z: dict[str, Any], dt: Any, u: Any, at: np.ndarray, known: np.ndarray) -> tuple[Any, Any]:
     """Mean and covariance of one track."""
     from scipy.optimize import least_squares  # as long to import as all of this package
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     d, T = model.dim, len(dt)
     leaves, structure = jax.tree.flatten(model)
@@ -152,7 +152,7 @@ def _one(model: Model, z: dict[str, Any], dt: Any, u: Any, at: np.ndarray, known
     J = along(fit.x)
     _check_rank(model, J, d)
     count = int(sum(np.isfinite(v).sum() for v in z.values()) + (known > 0).sum())
-    if count > d and chi2.sf(2 * fit.cost, count - d) < _FIT:
+    if count > d and chdtrc(count - d, 2 * fit.cost) < _FIT:
         warnings.warn(
             f"the first {T} measurements fit badly: a sum of squares of {2 * fit.cost:.3g} where {count - d} is "
             "expected; another at= may lie nearer, or one of them is an outlier",
@@ -183,32 +183,33 @@ def _check_rank(model: Model, J: np.ndarray, d: int) -> None:
 def _functions(structure: Any, sensors: tuple[str, ...], T: int) -> tuple[Callable[..., Any], ...]:
     """Residuals in standard deviations and their slopes, and the last state with its factor; compiled once."""
 
-    def states(y: Any, leaves: Any, dt: Any, u: Any, at: Any) -> tuple[Model, list[Any]]:
+    def states(y: Any, leaves: Any, dt: Any, u: Any, at: Any) -> tuple[Model, Any]:
         model = jax.tree.unflatten(structure, leaves)
         parts = y.reshape(T, model.dim)
-        root, x = noise_root(model.Q), model.space.add(at, parts[0])
-        found = [x]
-        for k in range(1, T):
-            driven = None if u is None else u[k]
-            L, _ = motion_noise(model, root, x, dt[k], driven)
-            x = model.space.add(moving(model, x, dt[k], driven)(x), dense(L) @ parts[k])
-            found.append(x)
-        return model, found
+        root, first = noise_root(model.Q), model.space.add(at, parts[0])
+
+        def step(x: Any, given: Any) -> tuple[Any, Any]:
+            part, elapsed, driven = given
+            L, _ = motion_noise(model, root, x, elapsed, driven)
+            x = model.space.add(moving(model, x, elapsed, driven)(x), dense(L) @ part)
+            return x, x
+
+        _, later = jax.lax.scan(step, first, jax.tree.map(lambda a: a[1:], (parts, dt, u)))
+        return model, jnp.concatenate([first[None], later])
 
     def residuals(y: Any, leaves: Any, z: Any, dt: Any, u: Any, at: Any, known: Any) -> Any:
         model, found = states(y, leaves, dt, u, at)
-        parts = [y[model.dim :], known * y[: model.dim]]
-        for k, x in enumerate(found):
-            driven = None if u is None else u[k]
-            for s in sensors:
-                measured = z[s][k]
-                space = model.measured_space(s, measured.shape[0])
-                numbers_seen, seen = there(space, measured)
-                expected = sensing(model, s, x, driven)(x)
-                away = space.difference(jnp.where(numbers_seen, measured, expected), expected)
-                L, _ = sensor_noise(model, model.R[s], x, driven, seen)
-                parts.append(solve_lower(pivoted(dense(L)), jnp.where(seen, away, 0.0)))
-        return jnp.concatenate(parts)
+
+        def off(x: Any, measured: Any, driven: Any, s: str) -> Any:
+            space = model.measured_space(s, measured.shape[0])
+            numbers_seen, seen = there(space, measured)
+            expected = sensing(model, s, x, driven)(x)
+            away = space.difference(jnp.where(numbers_seen, measured, expected), expected)
+            L, _ = sensor_noise(model, model.R[s], x, driven, seen)
+            return solve_lower(pivoted(dense(L)), jnp.where(seen, away, 0.0))
+
+        misses = [jax.vmap(partial(off, s=s))(found, z[s], u).ravel() for s in sensors]
+        return jnp.concatenate([y[model.dim :], known * y[: model.dim], *misses])
 
     def last(y: Any, leaves: Any, z: Any, dt: Any, u: Any, at: Any, known: Any, R: Any) -> tuple[Any, Any]:
         """The last state, and the factor of its deviations: their slope in y times the root of the covariance of y."""
