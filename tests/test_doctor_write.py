@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sigmax.corrections.correct import correct
 
 import sigmax
 from sigmax.cli.app import app
+from sigmax.corrections.correct import correct
 from sigmax.examination import Finding
 from sigmax.records import load
 from tests.own_records import RADAR, radar_table, write_csv

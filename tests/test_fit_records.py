@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from sigmax.corrections.fit_toml import fitted
-from sigmax.corrections.free_model import build_of
-from sigmax.corrections.free_numbers import find
-from sigmax.corrections.refit import refit
 from typer.testing import CliRunner
 
 import sigmax
 from sigmax.cli.app import app
+from sigmax.corrections.fit_toml import fitted
+from sigmax.corrections.free_model import build_of
+from sigmax.corrections.free_numbers import find
+from sigmax.corrections.refit import refit
 from sigmax.errors import InputError
 from sigmax.records import load
 

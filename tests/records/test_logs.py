@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from sigmax.proposals.suggest import propose
 
 from sigmax.errors import InputError
 from sigmax.logs import FORMATS, format_of
 from sigmax.models.earth import to_local
+from sigmax.proposals.suggest import propose
 from sigmax.records import load
 from tests.records.logs_written import WRITERS, Written
 from tests.records.test_proposals import described, world

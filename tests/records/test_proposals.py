@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from sigmax.proposals.suggest import propose
 
 import sigmax
 from sigmax.errors import InputError
 from sigmax.files.read_table import read_table
 from sigmax.models.earth import local_velocity, to_local
+from sigmax.proposals.suggest import propose
 from sigmax.records import load
 from tests.test_cli import cli
 
