@@ -160,12 +160,60 @@ def manoeuvre(c: float) -> Any:
     return made
 
 
+def other_motion(world: World, motion: sigmax.models.Motion, Q: Any, prior: sigmax.Gaussian) -> World:
+    """A world whose target moves in another way; its sensors see the first two components of any state."""
+    m = world.model
+    R = {s: np.asarray(r.entries) for s, r in m.R.items()}
+    sensor, measurement = (m.sensors, m.measurement) if m.several else (m.sensors[""], m.measurement[""])
+    model = sigmax.Model(
+        motion=motion, Q=Q, sensor=sensor, R=R if m.several else R[""], measurement=measurement
+    )  # fmt: skip
+    return world._replace(model=model, prior=prior)
+
+
+def straight(world: World, d: Drawn, rng: Any) -> Faulty:
+    """A target that turns is said to fly straight on."""
+    (x, y, v, c, _), P = world.prior.mean, np.diag(world.prior.cov)
+    velocity = [v * np.cos(c), v * np.sin(c)]
+    prior = sigmax.Gaussian([x, y, *velocity], [P[0], P[1], P[2] + v * v * P[3], P[2] + v * v * P[3]])
+    motion = sigmax.motions.constant_velocity(("north", "east"))
+    return Faulty(other_motion(world, motion, motion.noise(1.0), prior), d.z, (world, d.z))
+
+
+def jerked(density: float) -> Any:
+    """A target whose acceleration wanders is said to have none."""
+
+    def made(world: World, d: Drawn, rng: np.random.Generator) -> Faulty:
+        motion = sigmax.motions.constant_acceleration([str(name) for name in world.model.state[:2]])
+        Q = motion.noise(density)
+        x, states = np.append(d.x[0], [0.0, 0.0]), []
+        for _ in d.x:
+            w = rng.multivariate_normal(np.zeros(6), np.asarray(Q(1.0)))
+            x = np.asarray(motion.function(x, 1.0)) + w
+            states.append(x)
+        then = measured(world, np.array(states)[:, :4])
+        z = {s: v - d.clean[s] + then[s] for s, v in d.z.items()}
+        cov = np.zeros((6, 6))
+        cov[:4, :4] = world.prior.cov
+        cov[4:, 4:] = np.eye(2) * 0.01
+        prior = sigmax.Gaussian(np.append(world.prior.mean, [0.0, 0.0]), cov)
+        return Faulty(world, z, (other_motion(world, motion, Q, prior), z))
+
+    return made
+
+
 def stuck(v: np.ndarray, length: int) -> np.ndarray:
     """The first value after row 100 held for some values."""
     v, rows = v.copy(), np.flatnonzero(np.isfinite(v))
     rows = rows[rows >= 100][:length]
     v[rows] = v[rows[0]]
     return v
+
+
+def flies(world: World) -> bool:
+    """Whether the state is a position in the plane and its velocity."""
+    first, *_ = names = [str(name) for name in world.model.state]
+    return len(names) == 4 and names[2] == f"v{first}"
 
 
 def alike(world: World) -> bool:
@@ -222,6 +270,9 @@ def cases() -> Iterator[Case]:
         yield Case("input axes", ("input rotation",), i, -c, wrong_inputs(lambda u, c=c: turn(u, c)), alike)
     for i, c in enumerate((8.0, 16.0, 40.0)):
         yield Case("manoeuvre", ("manoeuvre",), i, None, manoeuvre(c))
+    for i, c in enumerate((3e-4, 1e-3, 1e-2)):
+        yield Case("motion", ("motion",), i, None, jerked(c), lambda world: not driven(world) and flies(world))
+    yield Case("motion", ("motion",), 2, None, straight, lambda world: "turn_rate" in world.model.state)
     yield Case("inputs swapped", ("swap",), 2, None, wrong_inputs(lambda u: u[:, ::-1].copy()), alike)
     yield Case(
         "inputs turned", ("axes", "input rotation"), 2, None, wrong_inputs(lambda u: u[:, ::-1] * [1, -1]), alike

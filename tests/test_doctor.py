@@ -13,6 +13,7 @@ import sigmax
 from sigmax.cli.app import app
 from sigmax.examination.alternatives import FACTORS, alternatives
 from sigmax.examination.envelope import Parameter, envelope
+from sigmax.examination.families import prior_of, view
 from sigmax.examination.search import Candidate
 from sigmax.examination.values import copies, flaw
 from sigmax.examination.variants import RecordData
@@ -431,3 +432,53 @@ def test_attitudes_are_examined_in_their_deviations():
     found = sigmax.doctor(model, prior, z, dt=0.1, inputs=u).findings[0]
     assert found.kind == "convention"
     assert "scalar last" in found.cause
+
+
+def flight_with_jerk(seed, density):
+    """Positions of a target whose acceleration wanders, drawn without the library."""
+    rng = np.random.default_rng(seed)
+    root = np.linalg.cholesky(density * np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1]]))
+    x, z = np.array([[0.0, 0.0], [10.0, -5.0], [0.0, 0.0]]), []
+    for _ in range(T):
+        x = np.array([[1, 1, 1 / 2], [0, 1, 1], [0, 0, 1]]) @ x + root @ rng.normal(size=(3, 2))
+        z.append(x[0] + 5 * rng.normal(size=2))
+    return np.array(z)
+
+
+def plane(motion, *noise):
+    k = len(motion.state)
+    prior = sigmax.Gaussian([0.0, 0.0, 10.0, -5.0, 0.0, 0.0][:k], [100.0, 100.0, 25.0, 25.0, 1.0, 1.0][:k])
+    return sigmax.Model(motion=motion, Q=motion.noise(*noise), sensor=sigmax.sensors.position(), R=[25.0, 25.0]), prior
+
+
+@pytest.mark.slow
+def test_another_family_of_motions_is_named_and_the_page_mends_it():
+    z = flight_with_jerk(1, 0.01)
+    (found,) = sigmax.doctor(*plane(sigmax.motions.constant_velocity(), 0.2), z).findings
+    assert (found.kind, found.where) == ("motion", "constant_acceleration(('x', 'y'))")
+    density = float(re.search(r"density=([\d.]+)", found.change)[1])
+    assert 0.005 < density < 0.02
+    assert found.nis_before > 2 > 1.2 > found.nis_after > 0.8
+    assert not sigmax.doctor(*plane(sigmax.motions.constant_acceleration(), density), z).findings
+    # The family is right here, and its noise is not.
+    rng = np.random.default_rng(2)
+    v = np.array([10.0, -5.0]) + np.cumsum(1.8 * rng.normal(size=(T, 2)), 0)
+    z = np.cumsum(v, 0) + 5 * rng.normal(size=(T, 2))
+    assert sigmax.doctor(*plane(sigmax.motions.constant_velocity(), 0.2), z).findings[0].kind == "Q"
+
+
+def test_a_state_is_that_of_another_motion_where_both_know_it():
+    turn, straight = sigmax.motions.coordinated_turn(), sigmax.motions.constant_velocity(("north", "east"))
+    seen = sigmax.sensors.range_azimuth()
+    Q = turn.noise(position=1.0, speed=0.5, course=0.003, turn_rate=0.0003)
+    model = sigmax.Model(motion=turn, Q=Q, sensor=seen, R=[900.0, 4e-6])
+    there = view(model, straight)
+    np.testing.assert_allclose(there(jnp.array([1.0, 2.0, 3.0, -4.0])), [1, 2, 5, np.arctan2(-4, 3), 0], atol=1e-12)
+    prior = prior_of(model, straight, sigmax.Gaussian([1.0, 2, 5, 0.3, 0.01], [4.0, 1, 9, 0.01, 1e-6]), 1.0)
+    c, s = np.cos(0.3), np.sin(0.3)
+    np.testing.assert_allclose(prior.mean, [1, 2, 5 * c, 5 * s])
+    slope = np.array([[c, -5 * s], [s, 5 * c]])
+    np.testing.assert_allclose(prior.cov[2:, 2:], slope @ np.diag([9, 0.01]) @ slope.T)
+    # A sensor of the turn rate sees what a straight flight has not.
+    gyro = sigmax.Model(motion=turn, Q=Q, sensor=lambda x: x[4:], R=[1e-6])
+    assert view(gyro, straight) is None

@@ -9,6 +9,7 @@ import numpy as np
 from sigmax.examination.alternatives import alternatives, with_starts
 from sigmax.examination.conclusion import correlated, evidence, needed, unobserved
 from sigmax.examination.envelope import curved
+from sigmax.examination.families import other_families
 from sigmax.examination.linearisations import crude, other_linearisations, with_filter
 from sigmax.examination.manoeuvres import manoeuvres
 from sigmax.examination.report import Evidence, Finding
@@ -27,6 +28,8 @@ from sigmax.examination.variants import Innovations, RecordData, Variant, log_li
 from sigmax.examination.words import factor_of, in_words
 
 _ROUNDS, _ALPHA, _TIE = 4, 0.003, 3.0
+# What another family of motions looks like.
+_AS_ANOTHER_MOTION = ("Q", "manoeuvre", "drift", "delay", "clock")
 # What a number that was fitted must gain over a reading of the record without one.
 _FITTED = 5.0
 # NIS per value of a record that is so near to its model that nothing has to begin elsewhere.
@@ -63,8 +66,9 @@ class Rounds:
         theta, whole, accepted = np.zeros(len(self.setup.climber.steps)), start, list[Accepted]()
         (record,), out = masked(self.setup, [Variant(theta, whole)])
         T, first = len(whole.dt), stretch(whole)
+        # By a model of another motion nothing can be searched any more.
         for rows in (T,) if first == T else (first, T):
-            while len(accepted) < _ROUNDS:
+            while len(accepted) < _ROUNDS and not any(a.best.kind == "motion" for a in accepted):
                 of = "" if rows == T else f" on the first {rows:,} of {T:,} rows"
                 self.say(f"round {len(accepted) + 1} of at most {_ROUNDS}{of}: {self.tested} hypotheses")
                 found = self._found(theta, whole, rows, accepted)
@@ -77,7 +81,8 @@ class Rounds:
                 theta = theta if best.basis is None else theta + best.basis @ best.value
                 whole = whole if best.alternative is None else best.alternative.change(whole)
                 (record,), out = masked(self.setup, [Variant(theta, whole)])
-                accepted.append(Accepted(best, others, (before, nis_per_value(out, record))))
+                after = best.nis if best.kind == "motion" else nis_per_value(out, record)
+                accepted.append(Accepted(best, others, (before, after)))
         if not np.isfinite(log_likelihood(out)[0]):
             why = f"the filter fails on the model as it stands, {out.first_fault}, and nothing examined mends it"
             return (), (), why
@@ -91,6 +96,8 @@ class Rounds:
                 said.append(self._finding(c, a.others, a.nis, bool(said or flaws)))
             theta, whole = fit.theta, replace(fit.record, out=start.out)
             (record,), out = masked(self.setup, [Variant(theta, whole)])
+        if any(a.best.kind == "motion" for a in accepted):
+            return (*flaws, *said), (), ""
         findings = (*flaws, *said, *correlated(self.setup, out, record, bool(flaws or said)))
         if findings:
             self.evidence = evidence(self.setup, findings[0].where, (self.first, out), (self.record, record))
@@ -120,6 +127,8 @@ class Rounds:
         some_gain = best is not None and best.gain > self.limit
         if some_gain and "linearisation" not in kinds and crude(self.setup, theta, part):
             found += other_linearisations(self.setup, theta, part, as_it_stands)
+        if some_gain and not accepted and best is not None and best.kind in _AS_ANOTHER_MOTION:
+            found += other_families(self.setup, record, best)
         return sorted(found, key=lambda c: -c.gain)
 
     def _values(self) -> tuple[list[Finding], RecordData]:

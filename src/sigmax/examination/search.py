@@ -32,6 +32,8 @@ class Candidate:
         basis: the directions of these parameters in those of the envelope (p, d).
         alternative: what changes the record instead.
         times: of outliers, how many deviations wide they are.
+        numbers: of another motion, those of its noise, in words.
+        nis: NIS per value with another motion, by which nothing else is searched.
     """
 
     kind: str
@@ -42,6 +44,8 @@ class Candidate:
     basis: np.ndarray | None = None
     alternative: Alternative | None = None
     times: float = 0.0
+    numbers: str = ""
+    nis: float = float("nan")
 
     @property
     def limits(self) -> np.ndarray:

@@ -11,8 +11,8 @@ _NAMES = {c: f"{name}: {a} where {b} are wanted" for c, (name, a, b) in UNITS.it
 
 def known_factor(log: float, std: float, power: int = 1) -> float:
     """The factor with a name whose power eˡᵒᵍ is, within three standard errors; 0 where it has none for sure."""
-    # Of a factor that is known to a third only, one of these names would fit by chance.
-    near = (c for c in _NAMES if abs(log - power * np.log(c)) < max(3 * std, 1e-3) and std < 0.1)
+    # Of a factor that is known to a tenth only, one of these names would fit by chance.
+    near = (c for c in _NAMES if abs(log - power * np.log(c)) < max(3 * std, 1e-3) and std < 0.03)
     return next(near, 0.0)
 
 
@@ -52,6 +52,10 @@ def in_words(c: Candidate, variance: float | None) -> tuple[str, str, str]:
         return _noise(c, v, variance)
     if c.kind == "linearisation":
         return "the filter's linearisation is too crude for the model", "", f"use the filter {c.where}"
+    if c.kind == "motion":
+        name = c.where.partition("(")[0].replace("_", " ")
+        change = f"motion = sigmax.motions.{c.where}, Q = motion.noise({c.numbers}); and examine again"
+        return f"the target moves otherwise: {name}", "", change
     if c.kind == "tails":
         return (
             f"the noise of {c.where} has long tails",
