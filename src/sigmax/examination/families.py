@@ -122,13 +122,10 @@ def _own(setup: Setup, record: RecordData) -> tuple[float, float]:
 
 def _tried(setup: Setup, record: RecordData, one: _Family, own: tuple[float, float]) -> Candidate | None:
     model = setup.runner.family.plain
-    there, prior = (
-        view(model, one.motion),
-        prior_of(model, one.motion, Gaussian(record.mean, record.cov), _interval(record)),
-    )
-
+    there = view(model, one.motion)
     if there is None:
         return None
+    prior = prior_of(model, one.motion, Gaussian(record.mean, record.cov), _interval(record))
 
     def seen(s: str) -> Callable[..., Any]:
         h = model.sensors[s]

@@ -36,6 +36,7 @@ _FITTED = 5.0
 _NEAR = 0.6
 _SHAPES = ("tails", "outliers")
 # Causes that another one imitates, and which tell the simpler story where they tell nearly as much.
+_ELSEWHERE = ("sign", "turned", "convention")
 _SIMPLER = ("sign", "turned", "degrees", "convention", "swap", "axes", "units")
 
 
@@ -216,9 +217,20 @@ def _same(best: Candidate, c: Candidate) -> bool:
     return c.where == best.where and best.kind in _SIMPLER and c.kind in ("scale", "input gain")
 
 
+def _vague(found: list[Candidate]) -> list[Candidate]:
+    """Readings of a component that exclude each other and explain as much: they do no more than begin elsewhere."""
+    turned = [c for c in found if c.kind in _ELSEWHERE]
+    groups = ([c for c in turned if c.where == d.where and abs(c.gain - d.gain) < _TIE] for d in turned)
+    return [c for group in groups if len(group) > 2 for c in group]
+
+
 def _preferred(found: list[Candidate], limit: float) -> list[Candidate]:
     """The candidates with the one to believe in front."""
     first = found[0]
+    vague = _vague(found)
+    if any(first is c for c in vague):
+        other = [c for c in found if not any(c is d for d in vague) and c.gain > max(limit, 0.7 * first.gain)]
+        return other[:1] + [c for c in found if not other or c is not other[0]]
     if first.kind == "R":  # tails blow R up
         heavy = [c for c in found if c.kind in _SHAPES and c.gain > max(limit, 0.2 * first.gain)]
         return heavy[:1] + [c for c in found if not heavy or c is not heavy[0]]
@@ -228,6 +240,6 @@ def _preferred(found: list[Candidate], limit: float) -> list[Candidate]:
     for c in found[1:]:
         # A prior that is off imitates them, and a factor that is fitted is one number more than a sign.
         near = 0.7 * first.gain if first.kind == "prior" else first.gain - _FITTED if first.value.size else np.inf
-        if c.kind in _SIMPLER and c.gain > max(limit, near):
+        if c.kind in _SIMPLER and c.gain > max(limit, near) and not any(c is d for d in vague):
             return [c, *(d for d in found if d is not c)]
     return found
