@@ -3,7 +3,7 @@
 from typing import Any, Protocol
 
 from sigmax.algebra.factor import cholesky
-from sigmax.filters import Bank, Filter, ModeFilters
+from sigmax.filters import Bank, Filter, FromInformation, ModeFilters
 from sigmax.mixtures.bank_steps import BankSteps
 from sigmax.mixtures.mode_steps import ModeSteps
 from sigmax.modelling.evaluate import noise_root
@@ -12,6 +12,7 @@ from sigmax.modelling.switching import SwitchingModel
 from sigmax.steps import smooth_step, step
 from sigmax.steps.adaptive_noises import adapted_noises
 from sigmax.steps.adaptive_steps import AdaptiveSteps
+from sigmax.steps.information_steps import InformationSteps
 from sigmax.steps.step import Belief, Innovation
 
 
@@ -49,6 +50,8 @@ class _OneBelief:
 
 def half_steps(filter: Filter, model: Model) -> HalfSteps:
     """The half-steps of a filter on a model without a bias."""
+    if isinstance(filter, FromInformation):
+        return InformationSteps(filter, model)
     return BankSteps(filter, model) if isinstance(filter, Bank) else back_steps(filter, model)
 
 

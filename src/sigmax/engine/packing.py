@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.filters import Bank, Filter
+from sigmax.filters import Bank, Filter, FromInformation
 from sigmax.mixtures.mixture import MixtureBelief
 from sigmax.modelling.model import Model
 from sigmax.native import Graph, Refused
@@ -14,6 +14,7 @@ from sigmax.native.graph import Array
 from sigmax.native.node import Node
 from sigmax.preparation.joining import modes_of
 from sigmax.steps.adaptive_noises import AdaptiveBelief, adapted_noises
+from sigmax.steps.information_steps import numbers_of_start
 from sigmax.steps.step import Belief
 
 
@@ -25,7 +26,7 @@ class Packing(NamedTuple):
         n: rows of the factor.
         members: the packing of each mode or member of a bank, whose logarithms of probabilities end the row; none for a
             filter of one belief.
-        known: numbers of what an adaptive filter knows of noises, which end the row.
+        known: numbers of what else a filter knows, which end the row: of noises that it finds, of an open start.
     """
 
     points: int
@@ -39,6 +40,8 @@ class Packing(NamedTuple):
         own = cls(model.space.size, model.space.dim)
         if isinstance(filter, Bank):
             return own._replace(members=(own,) * filter.kept)
+        if isinstance(filter, FromInformation):
+            return own._replace(known=numbers_of_start(own.n))
         each = modes_of(filter, model)
         if len(each) == 1:
             return own._replace(known=adapted_noises(filter, model).size)

@@ -3,7 +3,7 @@
 from sigmax.filters.adaptive_noise import AdaptiveQ, adaptive_Q
 from sigmax.filters.bank import Bank, of_one_belief
 from sigmax.filters.catalogue import Entry, bank, catalogue, get, names
-from sigmax.filters.filter import Filter, ModeFilters
+from sigmax.filters.filter import Filter, FromInformation, ModeFilters
 from sigmax.filters.update import BySensor, Update, adaptive, by_sensor, iterated, named, once, robust
 from sigmax.filters.weights import WEIGHTS, Gate, Huber, Student, Weighed, Weight
 
@@ -14,6 +14,7 @@ __all__ = [
     "BySensor",
     "Entry",
     "Filter",
+    "FromInformation",
     "Gate",
     "Huber",
     "ModeFilters",

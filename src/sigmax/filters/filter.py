@@ -1,7 +1,7 @@
 """A filter is four parts; any combination works."""
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from types import FunctionType
 
 from sigmax.errors import InputError
@@ -94,6 +94,16 @@ class ModeFilters(Filter):
         """The filters as one."""
         first, names = modes[0], list(dict.fromkeys(f.name for f in modes))
         return cls(first.predict, first.correct, first.form, ", ".join(names), modes=tuple(modes))
+
+
+@dataclass(frozen=True, repr=False)
+class FromInformation(Filter):
+    """A filter as it runs from an information pair that leaves directions open."""
+
+    @classmethod
+    def of(cls, filter: Filter) -> "FromInformation":
+        """The filter so."""
+        return cls(**{part.name: getattr(filter, part.name) for part in fields(Filter)})
 
 
 def _said(given: object) -> str:

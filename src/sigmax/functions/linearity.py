@@ -19,7 +19,12 @@ _INTERVALS = (0.0173, 0.93, 7.1, 61.0)
 
 
 @found_once
-def check_linear(model: Model, inputs: int | None) -> None:
+def check_linear(
+    model: Model,
+    inputs: int | None,
+    said: str = "KF is for linear models",
+    instead: str = "EKF or a sigma-point filter",
+) -> None:
     """Refuse a model whose derivative in the state is not the same everywhere, its domain and bias included.
 
     What counts is the functions, at intervals and inputs of any kind, not the record at hand.
@@ -27,6 +32,8 @@ def check_linear(model: Model, inputs: int | None) -> None:
     Args:
         model: the model as the user has it.
         inputs: how many it is given; None for none.
+        said: who asks, in words.
+        instead: what takes any model.
 
     Raises:
         InputError: naming the function that is not linear.
@@ -39,11 +46,11 @@ def check_linear(model: Model, inputs: int | None) -> None:
     ]
     for what, g, count, moving in parts:
         if not _linear(g, count, moving, n, k):
-            raise InputError(f"KF is for linear models, and {what} is not linear; take EKF or a sigma-point filter")
+            raise InputError(f"{said}, and {what} is not linear; take {instead}")
     for what, C, allowed in _matrices(model):
         count = takes(C, what, allowed)
-        if (allowed == OF_SENSOR or count > 1) and not _constant(C, count, allowed == OF_MOTION, n, k):
-            raise InputError(f"KF is for linear models, and {what} of the bias depends on the state; take EKF")
+        if (allowed == OF_SENSOR or count > 1) and in_state(C, count, allowed == OF_MOTION, n, k):
+            raise InputError(f"{said}, and {what} of the bias depends on the state; take {instead}")
 
 
 def _matrices(model: Model) -> list[tuple[str, Callable[..., Any], tuple[int, ...]]]:
@@ -61,9 +68,10 @@ def _linear(function: Callable[..., Any], count: int, moving: bool, n: int, k: i
 
 
 @lru_cache(maxsize=512)
-def _constant(function: Callable[..., Any], count: int, moving: bool, n: int, k: int) -> bool:
+def in_state(function: Callable[..., Any], count: int, moving: bool, n: int, k: int) -> bool:
+    """Whether a function of the state, an interval where it is `moving`, and inputs depends on the state."""
     slopes = _slopes(function, count, moving, n, k)
-    return _same(slopes, np.zeros_like(slopes))
+    return not _same(slopes, np.zeros_like(slopes))
 
 
 def _same(slopes: np.ndarray, wanted: np.ndarray) -> bool:

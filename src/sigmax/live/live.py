@@ -9,7 +9,7 @@ import numpy as np
 
 from sigmax.engine.backwards import check_smoothed
 from sigmax.errors import InputError
-from sigmax.filters import Filter
+from sigmax.filters import Filter, FromInformation
 from sigmax.functions.current import current_model
 from sigmax.live.clocked_engine import ClockedEngine
 from sigmax.live.estimate import Estimate
@@ -19,6 +19,7 @@ from sigmax.live.saved import identity, restored, saved
 from sigmax.modelling.gaussian import Gaussian
 from sigmax.modelling.model import Model, check_flat
 from sigmax.preparation.cautions import warn_before
+from sigmax.preparation.from_information import check_straight, inputs_of, somewhere
 from sigmax.preparation.fusing import Members
 from sigmax.preparation.intervals import duration, instant, seconds_of
 from sigmax.preparation.joining import joined, modes_of
@@ -78,16 +79,20 @@ class Live(LiveEstimate):
             warn_before(own, part, prior, None)
             if duration("lag", lag):
                 check_smoothed(own)
+        if singular := isinstance(self.filter, FromInformation):
+            check_straight(now, inputs_of(now))
+            if duration("lag", lag):
+                raise InputError("lag= smooths, and the prior's information is singular: take a prior of sigmax.start")
         layout = Layout.of(now, prior.mean.ndim == 2, self.filter.form.bias_first)
         noises = adapted_noises(self.filter, model)
-        self.layout = layout = layout._replace(filter=self._asked[0].name, noises=noises)
+        self.layout = layout = layout._replace(filter=self._asked[0].name, noises=noises, from_information=singular)
         self._biased, self._numbers, self._deviations = bool(layout.bias), layout.numbers, layout.deviations
         self.apart = model  # its sensors, where they are fused
         members, model = Members.of(model)
         self._dtype, self._batched = run_type(dtype), layout.batched
         self._tracks = (len(prior.mean),) if self._batched else ()
         self.model = cast(model, self._dtype)
-        self._given = Given(self.model, self._dtype, self._tracks, now, self._asked[2], members)
+        self._given = Given(self.model, self._dtype, self._tracks, now, somewhere(self._asked[2]), members)
         spans = duration("window", window), duration("lag", lag)
         self._how: dict[str, Any] = {"backend": backend, "window": spans[0], "lag": spans[1]}
         self._zero = zero_of(time)
@@ -187,7 +192,7 @@ class Live(LiveEstimate):
         Raises:
             InputError: where the bytes are no such state, damaged, not finite, or of something else.
         """
-        *value, zero = restored(bytes, self._clocked.saved(), self._identity)
+        *value, zero = restored(bytes, self._clocked.saved(), self._identity, self.layout.from_information)
         if (zero is None) != (self._zero is None):
             kinds = [("instants", "seconds")[one is None] for one in (zero, self._zero)]
             raise InputError(f"the saved state counts time in {kinds[0]}, this filter in {kinds[1]}: see time=")

@@ -73,13 +73,14 @@ def saved(value: list[Any], owner: dict[str, Any]) -> bytes:
     return _BEGINNING + hashlib.sha256(content).digest() + content
 
 
-def restored(content: bytes, like: list[Any], owner: dict[str, Any]) -> list[Any]:
+def restored(content: bytes, like: list[Any], owner: dict[str, Any], open_start: bool = False) -> list[Any]:
     """The value of bytes.
 
     Args:
         content: the bytes.
         like: a value of the same filter, whose belief [1] and faults [2] say which shapes are needed.
         owner: of `identity`.
+        open_start: whether mean and factor may be NaN, which follow from what is behind them.
 
     Raises:
         InputError: where the bytes are no such state, damaged, of another filter or model, or not finite.
@@ -103,7 +104,7 @@ def restored(content: bytes, like: list[Any], owner: dict[str, Any]) -> list[Any
     found, wanted = ([[a.dtype.str, list(a.shape)] for a in (*one[1], one[2])] for one in (value, like))
     if found != wanted:
         raise InputError(f"the saved state has arrays {found}, this filter needs {wanted}")
-    if not all(np.isfinite(a).all() for a in value[1]):
+    if not all(np.isfinite(a).all() for a in value[1][2 if open_start else 0 :]):
         raise InputError("the saved state is not finite")
     return value
 

@@ -52,6 +52,25 @@ class Gaussian:
         symmetric_semidefinite("the covariance", P)
         self.mean, self.cov = own(x), own(P)
 
+    @classmethod
+    def information(cls, y: Any, Y: Any) -> "Gaussian":
+        """The same by its information pair, y = Y x and Y the inverse of the covariance, which may be singular.
+
+        Where Y is regular this is N(Y⁻¹ y, Y⁻¹), for any filter. Where it is not, as with Y = 0, nothing is known along
+        some directions: EIF and SREIF take it on linear models, exactly, and give NaN for what is still open; for all
+        else there is `sigmax.start`.
+
+        Args:
+            y: (n,), or (B, n) for a batch.
+            Y: (n, n), or (B, n, n); n numbers stand for a diagonal matrix.
+
+        Raises:
+            InputError: for shapes that do not fit, what is not positive semidefinite, and a y that is Y x of no x.
+        """
+        from sigmax.modelling.information import from_pair  # which is made of this class
+
+        return from_pair(y, Y)
+
     @property
     def size(self) -> int:
         """Numbers of the mean."""

@@ -11,8 +11,10 @@ from sigmax.functions.current import check_model, found_once
 from sigmax.modelling.bias import joint
 from sigmax.modelling.checks import enough_memory, is_traced
 from sigmax.modelling.gaussian import Gaussian
+from sigmax.modelling.information import Information
 from sigmax.modelling.model import Model
 from sigmax.modelling.switching import SwitchingModel
+from sigmax.preparation.from_information import from_information, information_of_bias
 from sigmax.rewriting.augment import augment
 from sigmax.steps.adaptive_noises import check_adapted
 
@@ -35,7 +37,10 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
             f"the covariance of the prior is of {prior.dim} deviations, the model has {model.dim}: "
             f"{list(model.deviations)}"
         )
-    if not model.space.flat:
+    singular = isinstance(prior, Information)
+    if isinstance(prior, Information):
+        filter, prior = from_information(filter, model, prior)
+    elif not model.space.flat:
         prior = _on_space(model, prior)
     check_adapted(filter, model)
     for own, part in modes_of(filter, model):
@@ -48,7 +53,8 @@ def joined(filter: Filter, model: Model, prior: Gaussian) -> tuple[Filter, Model
     if model.bias is None:
         return filter, model, prior
     first = filter.form.bias_first
-    return filter, augmented(model, first), joint(prior, model.bias.prior, first)
+    bias = information_of_bias(model.bias.prior) if singular else model.bias.prior
+    return filter, augmented(model, first), joint(prior, bias, first)
 
 
 def modes_of(filter: Filter, model: Model) -> list[tuple[Filter, Model]]:

@@ -27,6 +27,7 @@ class Layout(NamedTuple):
         named_deviations: names of the deviations of the state.
         units: of all components, by name.
         noises: those that the filter finds as it goes.
+        from_information: whether what was stored behind means and factors is what is known of an open start.
         dated: whether stored times are instants: nanoseconds since 1970 rather than seconds.
     """
 
@@ -43,6 +44,7 @@ class Layout(NamedTuple):
     named_deviations: tuple[str, ...] = ()
     units: Units = ()
     noises: Noises = Noises()
+    from_information: bool = False
     dated: bool = False
 
     @classmethod

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.filters import Bank, Filter, ModeFilters, get
+from sigmax.filters import Bank, Filter, FromInformation, ModeFilters, get
 from sigmax.functions.current import current_model, found_once
 from sigmax.functions.functions import check_functions
 from sigmax.functions.linearity import check_linear
@@ -17,6 +17,7 @@ from sigmax.modelling.gaussian import Gaussian
 from sigmax.modelling.model import Model
 from sigmax.modelling.switching import SwitchingModel
 from sigmax.preparation.cautions import warn_before
+from sigmax.preparation.from_information import check_straight, somewhere
 from sigmax.preparation.intervals import intervals
 from sigmax.preparation.joining import joined, modes_of
 from sigmax.preparation.layout import Layout
@@ -107,7 +108,7 @@ def prepare(
         InputError: for whatever does not fit, in words.
     """
     model = current_model(model)
-    given, alone = model, prior
+    given, asked = model, prior
     filter, model, prior = joined(filter, model, prior)
     measured = measurements_of(model, z)
     T = steps_of(measured)
@@ -139,12 +140,14 @@ def prepare(
         raise InputError(f"the batches differ in size: {batches}")
     batch = next(iter(batches.values()), None)
     dtype = run_type(dtype)
-    captured = check_functions(given, alone, elapsed, inputs_given, sizes, dtype)
+    captured = check_functions(given, somewhere(asked), elapsed, inputs_given, sizes, dtype)
     for own, part in modes_of(filter, given):
         if own.linear and part.curved:
             raise InputError(
                 "KF is for linear models, and this one lives in a curved space; take EKF or a sigma-point filter"
             )
+        if isinstance(filter, FromInformation):
+            check_straight(part, None if inputs_given is None else inputs_given.shape[-1])
         # Where a function holds a traced number its slopes are not known; `fit` has seen them at its start.
         if own.linear and not captured:
             check_linear(part, None if inputs_given is None else inputs_given.shape[-1])

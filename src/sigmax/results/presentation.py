@@ -143,7 +143,8 @@ def rows(result: Any) -> words.Rows:
         found.append(("time", words.span(time)) if time.size else ("time", "none"))
     if getattr(result, "stored_nis", None) is not None and result.stored_count is not None:
         found.append(("NIS", _nis(result)))
-        if missing := int((np.asarray(result.stored_count) == 0).sum()):
+        missing = int((np.asarray(result.stored_count) == 0).sum())
+        if missing and not layout.from_information:  # where a count of 0 may be of what begins the estimate
             found.append(("missing", f"{words.counted(missing, 'step')} without a measurement"))
     if getattr(result, "stored_total", None) is not None:
         total = np.asarray(result.stored_total)

@@ -16,7 +16,8 @@ from sigmax.modelling.checks import by_name, is_traced, numbers
 from sigmax.preparation.layout import Layout
 from sigmax.preparation.times import shown
 from sigmax.results import presentation
-from sigmax.results.covariances import covariances, lower_inverse
+from sigmax.results.covariances import covariances
+from sigmax.results.information_pair import information_pair
 from sigmax.results.noise_scales import NoiseScales
 from sigmax.results.presentation import series
 from sigmax.spaces import errors
@@ -98,20 +99,16 @@ class Smoothed(NoiseScales):
     def information(self) -> tuple[Any, Any]:
         """The information pair y = Y x (…, T, n) and Y = P⁻¹ (…, T, n, n), from the factor; of the state alone.
 
-        Not finite where a component is known exactly. n³ operations a step, when asked for.
+        Not finite where a component is known exactly. n³ operations a step, when asked for. Y of an open start
+        is singular, and NaN where the model has a bias.
 
         Raises:
             InputError: in a curved space, where an estimate is no vector.
         """
-        mean, S = self.mean, self.factor
-        if mean.shape[-1] != S.shape[-1]:
-            raise InputError("an information vector is for flat spaces; this state has attitudes, directions or poses")
-        array = self._array()
-        with np.errstate(divide="ignore", invalid="ignore"):
-            root = lower_inverse(array, S)
-            return array.einsum("...ki,...k->...i", root, array.einsum("...ij,...j->...i", root, mean)), (
-                root.swapaxes(-1, -2) @ root
-            )
+        numbers = None
+        if self.layout.from_information and not self.bias:
+            numbers = self._out(self.stored_modes, "modes, which holds the open start,")
+        return information_pair(self._array(), self.mean, self.factor, numbers)
 
     @property
     def bias(self) -> tuple[str, ...]:

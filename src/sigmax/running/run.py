@@ -9,7 +9,7 @@ import numpy as np
 from sigmax.engine import native_engine, xla_engine
 from sigmax.engine.backend import attempt
 from sigmax.errors import InputError, unknown
-from sigmax.filters import Bank, Filter
+from sigmax.filters import Bank, Filter, FromInformation
 from sigmax.modelling.checks import is_traced, strings
 from sigmax.modelling.gaussian import Gaussian
 from sigmax.modelling.model import Model
@@ -87,6 +87,7 @@ def run(
     each = () if isinstance(ready.filter, Bank) else ready.z
     layout = ready.layout._replace(
         filter=chosen.name,
+        from_information=isinstance(ready.filter, FromInformation),
         dated=times is not None and times.dated,
         noises=adapted_noises(ready.filter, ready.model),
         weights=tuple((s, update_on(ready.filter, ready.model, s).weight) for s in each),

@@ -74,7 +74,9 @@ def smooth(
     model = cast(joint, dtype)
     traced = is_traced((kept, model, elapsed, u))
     made = backwards(chosen, model, kept, elapsed, u, result.layout.batched, traced, backend)
-    return Smoothed(result.layout, *made, stored_dt=result.stored_dt, stored_time=result.stored_time)
+    # What is known of an open start is not smoothed.
+    layout = result.layout._replace(from_information=False)
+    return Smoothed(layout, *made, stored_dt=result.stored_dt, stored_time=result.stored_time)
 
 
 def check_layout(model: Model, ran: Layout, bias_first: bool) -> None:

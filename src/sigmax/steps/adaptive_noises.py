@@ -12,7 +12,7 @@ from sigmax.steps.updating import update_on
 
 
 class AdaptiveBelief(NamedTuple):
-    """A belief of an adaptive filter: mean (n, ...), lower factor (n, n, ...), what is known of noises (k, ...)."""
+    """Mean (n, ...), lower factor (n, n, ...), and what else is known (k, ...): of noises, or of an open start."""
 
     mean: Any
     factor: Any

@@ -34,9 +34,10 @@ class Fault(IntEnum):
     Above 0 a half-step failed, and the state stays as it was before it. Below 0 the negative weights of a
     sigma set made a covariance indefinite: the half-step was done without their columns, which makes
     what the straight line misses too large, never too small; or one of several modes or members failed and the
-    others went on; or a constraint could not be taken.
+    others went on; or a constraint could not be taken; or components are still open that nothing was known of.
     """
 
+    UNDETERMINED = -5
     CONSTRAINT_LEFT_OUT = -4
     MEMBER_FAILED = -3
     CORRECTION_WIDENED = -2
@@ -56,7 +57,12 @@ class Fault(IntEnum):
 
 
 _POSITIVE = "take a set without them: alpha = 1 and kappa of at least 0, or cubature of degree 3"
+_NO_COVARIANCE = (
+    "is not positive semidefinite at this step; its function gave a negative variance, "
+    "or a covariance larger than its variances allow"
+)
 _MESSAGES = {
+    Fault.UNDETERMINED: "components of which nothing was known at the start are not determined yet: they are NaN",
     Fault.CONSTRAINT_LEFT_OUT: (
         "a constraint was left out: its function is not finite there, or what is known exactly contradicts it"
     ),
@@ -75,19 +81,13 @@ _MESSAGES = {
         "the motion gave a state or a derivative that is not finite; one made by sde says so, too, of an interval that "
         "is too long for its steps="
     ),
-    Fault.MOTION_NOISE_INDEFINITE: (
-        "Q is not positive semidefinite at this step; its function gave a negative variance, "
-        "or a covariance larger than its variances allow"
-    ),
+    Fault.MOTION_NOISE_INDEFINITE: f"Q {_NO_COVARIANCE}",
     Fault.PREDICTION_INDEFINITE: (
         "the predicted covariance is not finite; a direction that no sensor observes may have grown without limit: "
         "bound Q, or measure it now and then"
     ),
     Fault.SENSOR_NOT_FINITE: "the sensor function or the measurement is not finite",
-    Fault.SENSOR_NOISE_INDEFINITE: (
-        "R is not positive semidefinite at this step; its function gave a negative variance, "
-        "or a covariance larger than its variances allow"
-    ),
+    Fault.SENSOR_NOISE_INDEFINITE: f"R {_NO_COVARIANCE}",
     Fault.CORRECTION_INDEFINITE: (
         "the innovation has no variance, or the corrected state or the NIS is not finite: the measurement is beyond "
         "all reason; or R is 0 where nothing uncertain is measured: give it the "
