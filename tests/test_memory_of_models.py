@@ -257,7 +257,7 @@ DRIVERS = {"run": recorded, "Live": stepped, "smooth": smoothed, "rows": of_rows
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.one_in(4)
+@pytest.mark.one_in(7)
 def test_a_changed_value_gives_the_answer_of_a_fresh_model(way):
     """Of motion x ↦ a x in every way of reading a, natively and on XLA; the judge is a constant in new functions."""
     engines = ("native", "xla") if list(WAYS).index(way) % 8 == 0 or "comp" in way or "loop" in way else ("native",)
@@ -286,7 +286,7 @@ def kalman(a, q=0.1, r=0.5):
     ("place", "engine", "driver"),
     list(itertools.product(PLACES, ["native", "xla"], DRIVERS)),
 )
-@pytest.mark.one_in(6)
+@pytest.mark.one_in(10)
 def test_a_changed_value_counts_in_every_function_and_driver(place, engine, driver):
     space = written("def f(x): return x * A", A=0.9)
     made = model(**PLACES[place](space["f"]))

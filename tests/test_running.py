@@ -146,6 +146,7 @@ def test_smoothing_never_knows_less(filtered):
 @pytest.mark.parametrize(
     "name", ["EKF", pytest.param("SREUKF", marks=pytest.mark.slow), pytest.param("PIF", marks=pytest.mark.slow)]
 )
+@pytest.mark.slow
 def test_the_log_likelihood_differentiates(name):
     """Covariance, signed square root and information form, orders 1 and 2: against differences of the value."""
     z = turning_record(3)

@@ -107,6 +107,7 @@ def stepped(live, inputs):
 
 
 @pytest.mark.parametrize("name", BUILTIN)
+@pytest.mark.one_in(2)
 def test_models_results_and_live_filters_pickle(name):
     made = sigmax.builtin(name)
     model, prior, live = pickle.loads(

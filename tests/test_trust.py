@@ -65,6 +65,7 @@ WAYS: dict[str, Callable[[Path, Path], str]] = {
 
 
 @pytest.mark.parametrize("way", WAYS)
+@pytest.mark.one_in(2)
 def test_a_description_runs_no_file_from_elsewhere(
     way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -19,6 +19,7 @@ def gap(mean, cov, exact):
 
 
 @pytest.mark.parametrize("name", sigmax.names())
+@pytest.mark.one_in(2)
 def test_every_filter_is_the_kalman_filter(name):
     """Plain, far from the origin and with holes, in one batch; then a stiff R with what is compiled."""
     p = linear()

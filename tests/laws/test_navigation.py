@@ -191,6 +191,7 @@ def test_it_is_the_error_state_filter_of_the_matrices():
 
 
 @pytest.mark.parametrize("name", ["EKF", pytest.param("SREUKFB", marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_world_turned_about_its_vertical_gives_the_same_turned(name):
     u, turn = flight(40), 2.1
     motion = navigation.strapdown()

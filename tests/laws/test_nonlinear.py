@@ -52,7 +52,7 @@ def by_the_book(predict, correct, update):
 
 
 @pytest.mark.parametrize("name", sigmax.names()[1:])
-@pytest.mark.one_in(6)
+@pytest.mark.one_in(8)
 def test_every_form_is_the_covariance_form(name):
     """Whatever is turned, taken in two or added as information: P = E Eᵀ + Q, K = P_xy P_yy⁻¹ and P − K P_yy Kᵀ."""
     filter = made(name)

@@ -116,7 +116,7 @@ def test_about_its_base_a_difference_is_the_identity_and_straight(space):
 
 @EACH
 @pytest.mark.parametrize("length", ANGLES)
-@pytest.mark.one_in(3)
+@pytest.mark.one_in(5)
 def test_jacobians_are_the_derivatives(space, length):
     """By Richardson's differences of ⊞ and ⊟ alone, which know nothing of Jacobians; and J⁻¹ J = 1."""
     x, d = points(space, 1), differences(space, length, 1)

@@ -137,6 +137,7 @@ def same(a, b):
 
 @pytest.mark.parametrize("backend", ENGINES)
 @pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.one_in(2)
 def test_any_order_of_arrival_is_the_run_in_order(name, backend):
     """To the last bit: beliefs, and what each measurement that closes a stream says."""
     world = WORLDS[name]
@@ -388,6 +389,7 @@ def smoothed(name, backend, filter=None):
 
 @pytest.mark.parametrize("backend", ENGINES)
 @pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.one_in(2)
 def test_a_lag_is_the_smoother(name, backend):
     world, lag = WORLDS[name], 1.0
     groups, times, back = smoothed(name, backend)

@@ -105,6 +105,7 @@ def iekf(sensor, R, mean, P, z, turns, times):
 
 @pytest.mark.parametrize("times", [pytest.param(1, marks=pytest.mark.slow), 3])
 @pytest.mark.parametrize("name", FIVE)
+@pytest.mark.one_in(2)
 def test_taylor_iterated_is_the_textbook(name, times):
     _, z = drawn(RADAR, RADAR_R, 6, 4, seed=3)
     filter = sigmax.get(name, update=sigmax.iterated(times, guarded=False))

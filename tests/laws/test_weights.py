@@ -19,6 +19,7 @@ def outliers(tracks=3, steps=25):
 
 @pytest.mark.parametrize("backend", ["native", pytest.param("xla", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", WEIGHTS)
+@pytest.mark.one_in(2)
 def test_a_weight_divides_the_variance(kind, backend):
     """Each step again, without weights, with R divided by those of the result: the same means and covariances."""
     z = outliers()

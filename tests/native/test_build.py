@@ -217,6 +217,7 @@ def widths():
 
 
 @pytest.mark.parametrize("width", widths())
+@pytest.mark.slow
 def test_every_width_of_lanes_computes_the_same(width, tmp_path):
     environment = os.environ | {"SIGMAX_CACHE": str(tmp_path / "cache"), "JAX_PLATFORMS": "cpu"}
     done = subprocess.run(

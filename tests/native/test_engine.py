@@ -40,16 +40,17 @@ def record(name, tracks=3, steps=STEPS, seed=0):
     return made, z, u
 
 
-def pairs(every):
-    """A covering set: every filter with one model, every model with several filters; or all that make sense."""
+def pairs(many):
+    """Every filter with one model, every model with several filters; or a third of all pairs that make sense."""
     fitting = [
         (f, m)
-        for f, m in itertools.product(sigmax.names(), BUILTIN)
-        if (f not in ("KF", "SKF") or builtin(m).linear)
+        for (i, f), (j, m) in itertools.product(enumerate(sigmax.names()), enumerate(BUILTIN))
+        if (not many or (i + j) % 3 == 0)
+        and (f not in ("KF", "SKF") or builtin(m).linear)
         # Three points an axis are thousands in seven axes.
         and not (f.startswith(("GH", "SRGH")) and builtin(m).model.size > 5)
     ]
-    if every:
+    if many:
         return fitting
     models = list(BUILTIN)
     turned = [(f, models[(k + j) % len(models)]) for k, f in enumerate(sigmax.names()) for j in range(len(models))]
@@ -88,8 +89,8 @@ def apart(name, filter):
     return max(means.max(), covs.max())
 
 
-@pytest.mark.parametrize(("filter", "name"), pairs(every=False))
-@pytest.mark.one_in(4)
+@pytest.mark.parametrize(("filter", "name"), pairs(many=False))
+@pytest.mark.one_in(7)
 def test_the_engines_agree(filter, name):
     assert apart(name, filter) < 1e-11
 
@@ -105,8 +106,8 @@ def test_xla_as_users_have_it_agrees_too():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("filter", "name"), [p for p in pairs(every=True) if p not in pairs(every=False)])
-def test_the_engines_agree_on_every_pair(filter, name):
+@pytest.mark.parametrize(("filter", "name"), [p for p in pairs(many=True) if p not in pairs(many=False)])
+def test_the_engines_agree_on_many_pairs(filter, name):
     assert apart(name, filter) < 1e-11
 
 
@@ -138,8 +139,8 @@ def test_batch_loop_and_live_are_alike_bit_for_bit(filter, name, dtype):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("filter", "name"), pairs(every=True))
-def test_live_is_the_batch_bit_for_bit_on_every_pair(filter, name):
+@pytest.mark.parametrize(("filter", "name"), pairs(many=True))
+def test_live_is_the_batch_bit_for_bit_on_many_pairs(filter, name):
     made, z, u = record(name)
     batch = sigmax.run(filter, made.model, made.prior, z, dt=made.dt, inputs=u, backend="native")
     live = sigmax.Live(filter, made.model, made.prior, backend="native")

@@ -151,6 +151,7 @@ def test_a_mode_comes_back_after_any_time():
 
 @pytest.mark.parametrize("sojourn", [None, (40.0, 8.0, 5.0), (1e-9, 1e12, 1.0)])
 @pytest.mark.parametrize("seed", range(6))
+@pytest.mark.one_in(4)
 def test_probabilities_are_probabilities_in_any_order_of_events(sojourn, seed):
     """Plots near, absurdly far, missing, of any share, several at once, and intervals of any length."""
     modes = Modes([("EKF", model(d)) for d in (0.02, 25.0, 1.0)], sojourn=sojourn)
