@@ -31,7 +31,7 @@ MEMBERS, ROUNDS = (5, 9, 13), 25
 def cost(study: Study) -> None:
     """Print what banks take of the processor, in units of one member: the middle of several rounds of 256 tracks."""
     drawn = draw(study, 1, 0)
-    model, prior = study.told(drawn.mean)
+    model, prior = study.model_and_prior(drawn.mean)
     z = drawn.z if model.several else drawn.z[""]
     filters = [sigmax.get("SRCKFB"), *(sigmax.bank("SRCKFB", members) for members in MEMBERS)]
 

@@ -33,7 +33,7 @@ def main(study: Study, asked: list[str]) -> None:
     print("| filter | predict | correct | both | / EKF |\n|-|-:|-:|-:|-:|")
     whole: dict[str, int] = {}
     for name, filter in filters.items():
-        model, prior = study.told(study.prior.mean[None])
+        model, prior = study.model_and_prior(study.prior.mean[None])
         ready = prepare(filter, model, prior, z if study.model.several else z[""], 1.0, u, "float64")
         predict, correct = operations(ready)
         whole[name] = predict + correct

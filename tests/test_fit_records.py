@@ -9,10 +9,10 @@ from typer.testing import CliRunner
 
 import sigmax
 from sigmax.cli.app import app
+from sigmax.corrections.fit_numbers import fit_numbers
 from sigmax.corrections.fit_toml import fitted
 from sigmax.corrections.free_model import build_of
 from sigmax.corrections.free_numbers import find
-from sigmax.corrections.refit import refit
 from sigmax.errors import InputError
 from sigmax.records import load
 
@@ -91,7 +91,7 @@ def test_a_description_comes_back_with_its_numbers(folder):
     value = float(np.sqrt(record.model.R["gauge"].entries[0]))
     assert value == pytest.approx(told["parameters"]["gauge.noise.x"] / 100, rel=1e-3)
     assert record.model.bias.prior.mean[0] == pytest.approx(told["parameters"]["factor"], rel=1e-2)
-    again = refit([str(written)], ["Q,R.gauge"])
+    again = fit_numbers([str(written)], ["Q,R.gauge"])
     np.testing.assert_allclose([again.fit.parameters[n] for n in ("Q", "R.gauge")], 1, rtol=0.02)
 
 
@@ -122,10 +122,10 @@ def test_the_likelihood_of_a_number_is_that_of_its_description(folder):
 @pytest.mark.slow
 def test_records_share_their_numbers(folder):
     each = [str(folder / f"{name}.toml") for name in ("level", "other")]
-    both = refit(each, ["density,R.gauge"])
+    both = fit_numbers(each, ["density,R.gauge"])
     assert len(both.records) == 2
     names = ("density", "R.gauge")
-    alone = [refit([name], ["density,R.gauge"]).fit for name in each]
+    alone = [fit_numbers([name], ["density,R.gauge"]).fit for name in each]
     apart = np.array([[fit.parameters[n] for n in names] for fit in alone])
     found = np.array([both.fit.parameters[n] for n in names])
     assert (apart.min(0) < found).all()
@@ -162,7 +162,7 @@ def test_what_is_not_determined_is_said_and_not_written(folder):
 )
 def test_what_cannot_be_freed_is_refused(folder, free, said):
     with pytest.raises(InputError, match=said):
-        refit([str(folder / "level.toml")], [free])
+        fit_numbers([str(folder / "level.toml")], [free])
 
 
 def test_nothing_is_written_over(folder):
@@ -183,7 +183,7 @@ def test_numbers_of_the_filter_come_back_in_the_description(folder):
     table.to_csv(folder / "tails.csv", index=False)
     text = (folder / "level.toml").read_text().replace("level.csv", "tails.csv").replace('["EKF"]', '["UKF:kappa=1"]')
     path.write_text(text.replace("[sensors.gauge]", '[sensors.gauge]\nupdate = "student(20)"').replace("100 cm", "3 m"))
-    made = refit([str(path)], ["nu,kappa=0.5..2"])
+    made = fit_numbers([str(path)], ["nu,kappa=0.5..2"])
     assert float(made.fit.parameters["nu"]) < 8
     numbers = {n: (float(made.fit.parameters[n.name]), 0.1) for n in made.numbers}
     new = fitted(path, made.trial, numbers)
@@ -192,14 +192,14 @@ def test_numbers_of_the_filter_come_back_in_the_description(folder):
     record = load(str(folder / "new.toml"))
     assert record.updates["gauge"].weight.dof == pytest.approx(made.fit.parameters["nu"])
     assert record.trials[0].name == f"UKF:kappa={made.fit.parameters['kappa']:g}"
-    done = sigmax.run(*record.told(record.trials[0]), record.z, dt=record.dt, update_first=True)
+    done = sigmax.run(*record.of_trial(record.trials[0]), record.z, dt=record.dt, update_first=True)
     assert float(done.log_likelihood.sum()) == pytest.approx(made.fit.log_likelihood, rel=1e-9)
 
 
 @pytest.mark.slow
 def test_the_radios_of_plaza_measure_seven_percent_too_long():
     """Whatever stands in the prior; the noises are those that a grid had chosen."""
-    made = refit(["plaza2"], ["Q,R,range_scale"], hold_out=0.3).fit
+    made = fit_numbers(["plaza2"], ["Q,R,range_scale"], hold_out=0.3).fit
     assert made.parameters["range_scale"] == pytest.approx(1.0695, abs=0.001)
     assert 0.0002 < made.std["range_scale"] < 0.0006
     for name in ("Q", "R"):

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation as Judge
 
 from sigmax.algebra.factor import cholesky
 from sigmax.native import Graph, Program, evaluate
-from sigmax.native.driver import Rows, driver, over_cores, pointer, series, steps
+from sigmax.native.driver import RowsJob, driver, over_cores, pointer, series, steps
 from sigmax.spaces import (
     SPACES,
     Direction,
@@ -262,7 +262,7 @@ def test_numpy_jax_and_c_agree(space):
     program = Program(g, ("given",), {"made": list(out.flat), "told": [g.constant(0.0)]})
     (step,) = steps([(None, lambda: program)], single=False)
     constants, native = step.setup(np.zeros(1)), np.empty((len(rows), out.size))
-    job = Rows(step.address, pointer(constants), series(rows, 1, True, False), out.size, pointer(native))
+    job = RowsJob(step.address, pointer(constants), series(rows, 1, True, False), out.size, pointer(native))
     over_cores(driver(False)["rows"], job, len(rows), False)
     by_jax = np.asarray(jax.jit(jax.vmap(flat))(jnp.asarray(rows)))
     by_numpy = np.concatenate([a.reshape(-1, 40) for a in each(x, y, d, M)]).T

@@ -6,7 +6,7 @@ from scipy import stats
 
 import sigmax
 from sigmax.filters import WEIGHTS, BySensor, Huber, Student
-from sigmax.reports.weighed import judged_nis
+from sigmax.reports.weight_counts import judged_nis
 from sigmax.running import fit_tails, weights
 from tests.laws.test_updates import PRIOR, RADAR, RADAR_R, drawn
 

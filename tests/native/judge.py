@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmax.native import Graph, Program, Refused, evaluate
-from sigmax.native.driver import Rows, driver, over_cores, pointer, series, steps
+from sigmax.native.driver import RowsJob, driver, over_cores, pointer, series, steps
 
 SAMPLES = 6
 # How often that is done for what seems wrong.
@@ -315,7 +315,7 @@ def _in_c(graph: Graph, nodes: list[Any], rows: np.ndarray) -> np.ndarray:
     program = Program(graph, ("given",), {"made": nodes, "told": [graph.constant(0.0)]})
     (step,) = steps([(None, lambda: program)], single=single)
     constants, made = step.setup(np.zeros(1)), np.empty((len(rows), len(nodes)), rows.dtype)
-    job = Rows(step.address, pointer(constants), series(rows, 1, True, False), made.shape[1], pointer(made))
+    job = RowsJob(step.address, pointer(constants), series(rows, 1, True, False), made.shape[1], pointer(made))
     over_cores(driver(single)["rows"], job, len(rows), single)
     return made
 

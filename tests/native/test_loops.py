@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 import sigmax
 from sigmax.algebra import arrays, factor
 from sigmax.algebra.kernel import kernels
-from sigmax.engine import traced
+from sigmax.engine import half_step_trace
 from sigmax.filters import names
 from sigmax.native import Graph, Refused
-from sigmax.native.driver import Rows, driver, over_cores, pointer, series, steps
+from sigmax.native.driver import RowsJob, driver, over_cores, pointer, series, steps
 from sigmax.native.loops import flat, operations, written
 from sigmax.native.loops.views import Memory, fused, walk
 from sigmax.native.machine import vector_functions
@@ -61,7 +61,7 @@ def compiled(function, size, alone=False):
     def call(rows):
         rows = np.ascontiguousarray(rows)
         made = np.empty((len(rows), count))
-        job = Rows(
+        job = RowsJob(
             *(step.address, pointer(constants), series(rows, 1, True, False), count, pointer(made), step.workspace)
         )
         over_cores(driver(False, alone)["rows"], job, len(rows), False)
@@ -159,12 +159,12 @@ def test_the_algebra_is_what_numpy_computes(n, k):
 def both(monkeypatch, compute):
     """What is computed by loops, and by straight lines."""
     with monkeypatch.context() as patch:
-        patch.setattr(traced, "LONGEST", 0)
-        patch.setattr(traced.Traced, "straight", None)
+        patch.setattr(half_step_trace, "LONGEST", 0)
+        patch.setattr(half_step_trace.HalfStepTrace, "straight", None)
         looped = compute()
     with monkeypatch.context() as patch:
-        patch.setattr(traced, "LONGEST", np.inf)
-        patch.setattr(traced.Traced, "loops", None)
+        patch.setattr(half_step_trace, "LONGEST", np.inf)
+        patch.setattr(half_step_trace.HalfStepTrace, "loops", None)
         return looped, compute()
 
 
@@ -245,10 +245,12 @@ def test_a_large_model_runs_live_as_in_a_batch(n):
 
 
 def test_what_loops_do_not_cover_is_a_straight_line(monkeypatch):
-    monkeypatch.setattr(traced, "written", lambda *_: (_ for _ in ()).throw(Refused("not covered")))
+    monkeypatch.setattr(half_step_trace, "written", lambda *_: (_ for _ in ()).throw(Refused("not covered")))
     g = Graph()
     closed = jax.make_jaxpr(lambda x: jnp.cumsum(x))(jax.ShapeDtypeStruct((4,), jnp.float64))
-    made = traced.Traced(g, ("given",), closed, [g.inputs("given", (4,))], lambda out: {"made": list(out[0])})
+    made = half_step_trace.HalfStepTrace(
+        g, ("given",), closed, [g.inputs("given", (4,))], lambda out: {"made": list(out[0])}
+    )
     assert made.chosen(0).operations == 3
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sigmax.native import Graph, Program, Refused, evaluate
-from sigmax.native.driver import Rows, driver, over_cores, pointer, series, steps
+from sigmax.native.driver import RowsJob, driver, over_cores, pointer, series, steps
 from sigmax.native.emit import lanes_source
 
 jax.config.update("jax_enable_x64", True)
@@ -35,7 +35,7 @@ def compiled(function, *sizes, alone=False):
     def call(rows):
         rows = np.ascontiguousarray(rows)
         made = np.empty((len(rows), len(program.outputs["made"])))
-        job = Rows(step.address, pointer(constants), series(rows, 1, True, False), made.shape[1], pointer(made))
+        job = RowsJob(step.address, pointer(constants), series(rows, 1, True, False), made.shape[1], pointer(made))
         over_cores(driver(False, alone)["rows"], job, len(rows), False)
         return made
 
@@ -262,4 +262,4 @@ def test_sides_of_choices_that_nobody_takes_are_left_out_and_change_nothing(abov
 
 def test_the_driver_is_laid_out_as_its_c(tmp_path):
     # A size that differs would show as garbage much later.
-    assert ctypes.sizeof(Rows) == 9 * 8
+    assert ctypes.sizeof(RowsJob) == 9 * 8

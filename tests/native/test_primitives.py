@@ -9,7 +9,7 @@ import pytest
 from jax import lax
 
 from sigmax.native import Graph, Program, Refused, evaluate
-from sigmax.native.driver import Rows, driver, over_cores, pointer, series, steps
+from sigmax.native.driver import RowsJob, driver, over_cores, pointer, series, steps
 
 jax.config.update("jax_enable_x64", True)
 SPECIAL = (0.0, -0.0, 0.5, -0.5, 1.5, 2.5, -2.5, 0.49999999999999994, -0.49999999999999994, 1.0, -1.0, 3.0, -7.0)
@@ -57,7 +57,7 @@ def both(cases, dtype=np.float64, rows=None, whole=True):
     single = dtype == np.float32
     (step,) = steps([(None, lambda: program)], single=single)
     constants, native = step.setup(np.zeros(1)), np.empty((len(rows), len(made)), dtype)
-    job = Rows(step.address, pointer(constants), series(rows, 1, True, False), len(made), pointer(native))
+    job = RowsJob(step.address, pointer(constants), series(rows, 1, True, False), len(made), pointer(native))
     over_cores(driver(single)["rows"], job, len(rows), single)
     each = jax.vmap(lambda x: tuple(flat(x) for flat, _ in lowered.values()))
     by_jax = jax.jit(each)(rows) if whole else each(rows)

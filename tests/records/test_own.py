@@ -324,7 +324,7 @@ def test_a_sensor_says_how_it_corrects(tmp_path: Path) -> None:
     """Every filter of the record takes it, unless it says so itself; a filter by hand gives the same."""
     robust = ROVER.replace('kind = "bearing"', 'kind = "bearing"\nupdate = "student(2)"')
     record = load(str(write_rover(tmp_path, robust)))
-    chosen, model, prior = record.told(parse_trial("SRCKFB"))
+    chosen, model, prior = record.of_trial(parse_trial("SRCKFB"))
     assert str(chosen.update) == "mast: student(2)"
     outcome = track(record, parse_trial("SRCKFB"))
     by_hand = sigmax.run(
@@ -337,14 +337,14 @@ def test_a_sensor_says_how_it_corrects(tmp_path: Path) -> None:
         update_first=True,
     )
     np.testing.assert_array_equal(outcome.result.mean, by_hand.mean)
-    assert record.told(parse_trial("SRCKFB:update=once"))[0].update == sigmax.once
+    assert record.of_trial(parse_trial("SRCKFB:update=once"))[0].update == sigmax.once
     with pytest.raises(sigmax.InputError, match=r"sensors\.mast\.update.*did you mean student"):
         load(str(write_rover(tmp_path, robust.replace("student(2)", "stundent"))))
 
 
 def test_a_fixed_component_stays(radar: sigmax.records.Record) -> None:
     trial = parse_trial("EKF:fixed=vnorth,fixed=veast")
-    prior = radar.told(trial)[2]
+    prior = radar.of_trial(trial)[2]
     assert (prior.cov[:, 2:] == 0).all()
     assert (prior.cov[:, :, 2:] == 0).all()
     np.testing.assert_array_equal(prior.cov[:, :2, :2], radar.prior.cov[:, :2, :2])

@@ -41,7 +41,7 @@ def test_a_column_of_deviations_is_the_noise_of_each_row(tmp_path: Path) -> None
             deviation[0] ** 2 + (np.radians(0.2) * np.hypot(*record.prior.mean[k][:2])) ** 2,
         )
         start = sigmax.Gaussian(record.prior.mean[k], record.prior.cov[k])
-        filter, model, _ = record.told(record.trials[0])
+        filter, model, _ = record.of_trial(record.trials[0])
         given = {"dt": record.dt[k, :T], "update_first": True}
         z = {"radar": record.z["radar"][k, :T]}
         assert record.inputs is not None
@@ -139,7 +139,7 @@ def test_a_delay_is_the_table_put_right_by_hand(tmp_path: Path) -> None:
     assert record.inputs is not None
     results = []
     for one in (record, same):
-        filter, model, prior = one.told(one.trials[0])
+        filter, model, prior = one.of_trial(one.trials[0])
         results.append(sigmax.run(filter, model, prior, one.z, dt=one.dt, inputs=one.inputs, update_first=True))
     assert np.allclose(results[0].mean, results[1].mean, atol=1e-5)
     assert np.allclose(results[0].cov, results[1].cov, atol=1e-5)

@@ -60,7 +60,7 @@ def test_the_named_studies_draw_their_bias(name):
     spread = np.sqrt(np.diag(study.prior.cov))[-p:]
     assert np.abs(first.std(0) / spread - 1).max() < 0.2
     assert np.abs(first.mean(0) - study.prior.mean[-p:]).max() < 0.3 * spread.max()
-    told, prior = study.told(drawn.mean)
+    told, prior = study.model_and_prior(drawn.mean)
     assert prior.mean.shape == (len(first), study.apart.size)
     assert told.bias.prior.mean.shape == (len(first), p)
 

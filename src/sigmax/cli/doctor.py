@@ -18,7 +18,7 @@ from sigmax.examination import Examination, doctor, not_examined
 from sigmax.filters import Filter
 from sigmax.models import Gaussian, Model
 from sigmax.records import Outcome, Record, load, load_plots, parse_trial
-from sigmax.reports import Examined, Grade, Score, grade
+from sigmax.reports import Grade, Score, TrackExamination, grade
 
 _CORRECTED = Beside("corrected", "doctor")
 
@@ -37,7 +37,7 @@ def examine_record(name: str, filter: str | None, tracks: Sequence[str], as_json
         record = load(name)
     target = _CORRECTED.target(name) if write else None
     trial = record.trials[0] if filter is None else parse_trial(filter)
-    judge, model, prior = record.told(trial)
+    judge, model, prior = record.of_trial(trial)
     for track in tracks:
         if track not in record.tracks:
             raise unknown("track", track, record.tracks)
@@ -101,14 +101,14 @@ def proposal(name: str, prior: str | None, record: Record, outcomes: Sequence[Ou
     return shlex.join(words)
 
 
-def examine_worst(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> Examined | None:
+def examine_worst(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> TrackExamination | None:
     """What is wrong on the track that the likeliest filter believes least; None where the model is not examined."""
     chosen = _examinable(record, outcomes, scores)
     if chosen is None:
         return None
     outcome, label = chosen
     i = _worst(record, outcome)
-    return Examined(i, label, _examined(record, i, *record.told(outcome.trial)))
+    return TrackExamination(i, label, _examined(record, i, *record.of_trial(outcome.trial)))
 
 
 def _examinable(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> tuple[Outcome, str] | None:
@@ -122,7 +122,7 @@ def _examinable(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Sc
 
 
 def _can_examine(record: Record, outcome: Outcome) -> bool:
-    filter, model, _ = record.told(outcome.trial)
+    filter, model, _ = record.of_trial(outcome.trial)
     return not not_examined(model, filter)
 
 

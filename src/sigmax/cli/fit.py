@@ -9,8 +9,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from sigmax.cli.descriptions import Beside
+from sigmax.corrections.fit_numbers import RecordFit, fit_numbers
 from sigmax.corrections.fit_toml import fitted
-from sigmax.corrections.refit import Refit, refit
 from sigmax.reports.fit_page import FILES, HEADS, in_numbers, rows, verdict, write_fit
 from sigmax.reports.folder import check_folder
 
@@ -42,7 +42,7 @@ def fit_records(
         def say(done: str) -> None:
             status.update(escape(f"fitting, {done}"))
 
-        made = refit(names, free, filter=filter, hold_out=hold_out, by_em=by_em, progress=say)
+        made = fit_numbers(names, free, filter=filter, hold_out=hold_out, by_em=by_em, progress=say)
     if as_json:
         print(json.dumps(in_numbers(made), indent=2, allow_nan=False))
     else:
@@ -57,7 +57,7 @@ def fit_records(
     raise SystemExit(made.fit.status)
 
 
-def _print(console: Console, made: Refit) -> None:
+def _print(console: Console, made: RecordFit) -> None:
     fit = made.fit
     listed = ", ".join(record.title for record in made.records)
     shown = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0))

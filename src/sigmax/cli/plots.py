@@ -14,7 +14,7 @@ from sigmax.errors import InputError
 from sigmax.records import parse_trial
 from sigmax.records.plots import PlotRecord
 from sigmax.reports import check_folder
-from sigmax.reports.followed import Followed
+from sigmax.reports.tracking_outcome import TrackingOutcome
 from sigmax.reports.tracks_folder import TRACK_FILES, write_tracks
 from sigmax.reports.verdict import significant
 from sigmax.tracking import Tracker
@@ -48,14 +48,14 @@ def track_plots(record: PlotRecord, filters: Sequence[str], out: Path | None) ->
         seconds = time.perf_counter() - started
         if not tracker.history:
             raise InputError(f"none of the {len(record.scans)} scans could be taken: {dict(tracker.counts)}")
-        run = Followed(record, trial, cycle, tracker.history, tracker.counts, seconds)
+        run = TrackingOutcome(record, trial, cycle, tracker.history, tracker.counts, seconds)
         progress.update(task, description="writing the report")
         write_tracks(folder, run)
     _print(console, run)
     console.print(f"\nReport: {escape(str(folder / 'report.html'))}", highlight=False, soft_wrap=True)
 
 
-def _print(console: Console, run: Followed) -> None:
+def _print(console: Console, run: TrackingOutcome) -> None:
     record, q = run.record, run.quality
     if record.truth:
         shown = Table(box=None, pad_edge=False, header_style="bold", title=escape(record.title), title_justify="left")

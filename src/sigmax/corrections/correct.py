@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sigmax.descriptions.built import Built
+from sigmax.descriptions.described_model import DescribedModel
 from sigmax.descriptions.model import build
 from sigmax.descriptions.prior import ALL_FROM, FROM
 from sigmax.errors import InputError
@@ -35,7 +35,7 @@ class _Of(NamedTuple):
 
     document: Document
     says: Description
-    built: Built
+    built: DescribedModel
 
     @property
     def state(self) -> list[str]:

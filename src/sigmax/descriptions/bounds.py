@@ -4,14 +4,14 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
 
-from sigmax.descriptions.built import Built
+from sigmax.descriptions.described_model import DescribedModel
 from sigmax.errors import InputError, unknown
 from sigmax.files.description import BoundPart
 from sigmax.files.units import quantity
 from sigmax.models import constrain
 
 
-def bounded(built: Built, bounds: Mapping[str, BoundPart]) -> Built:
+def bounded(built: DescribedModel, bounds: Mapping[str, BoundPart]) -> DescribedModel:
     """A model whose components keep within their bounds, see `sigmax.constrain`.
 
     Raises:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sigmax.descriptions.built import Built
+from sigmax.descriptions.described_model import DescribedModel
 
 
 class Rows(NamedTuple):
@@ -25,7 +25,7 @@ class Rows(NamedTuple):
     truth: np.ndarray
 
 
-def undelayed(rows: Rows, built: Built) -> tuple[Rows, tuple[str, ...]]:
+def undelayed(rows: Rows, built: DescribedModel) -> tuple[Rows, tuple[str, ...]]:
     """The rows with what sensors measured at the times at which they did, and a note of it for the reader.
 
     A delayed measurement moves to a row of its own, with the inputs of its sensor as they stood beside it; those of the

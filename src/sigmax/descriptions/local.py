@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sigmax.descriptions.built import Built
+from sigmax.descriptions.described_model import DescribedModel
 from sigmax.errors import InputError
 from sigmax.files.description import Column, Description, LocalPart
 from sigmax.files.frame import Frame, Placed
@@ -99,7 +99,7 @@ def frame_among(part: LocalPart, latitude: np.ndarray, longitude: np.ndarray) ->
     return Frame(origin if len(origin) == 3 else (*origin, 0.0), part.frame == "utm")
 
 
-def placed(description: Description, built: Built, frame: Frame | None) -> Placed | None:
+def placed(description: Description, built: DescribedModel, frame: Frame | None) -> Placed | None:
     """Which components of the state are what [local] makes, by a sensor of positions; None where there are none.
 
     Raises:

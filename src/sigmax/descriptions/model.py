@@ -9,7 +9,7 @@ import jax
 
 from sigmax.descriptions.bias import read_bias
 from sigmax.descriptions.bounds import bounded
-from sigmax.descriptions.built import Built, Input
+from sigmax.descriptions.described_model import DescribedModel, Input
 from sigmax.descriptions.modes import in_turns
 from sigmax.descriptions.motion import Moving, read_motion
 from sigmax.descriptions.sensor import read_sensor
@@ -21,7 +21,7 @@ from sigmax.modelling.noise import takes
 from sigmax.models import Model, motions
 
 
-def build(description: Description, folder: Path) -> Built:
+def build(description: Description, folder: Path) -> DescribedModel:
     """The model of a description whose files lie in `folder`.
 
     Raises:
@@ -39,7 +39,9 @@ def build(description: Description, folder: Path) -> Built:
     return in_turns(description, built)
 
 
-def _of_one_mode(description: Description, motion: list[MotionPart], where: str, functions: Functions) -> Built:
+def _of_one_mode(
+    description: Description, motion: list[MotionPart], where: str, functions: Functions
+) -> DescribedModel:
     several = len(motion) > 1
     labels = [f"{where}[{i}]" if several else where for i in range(len(motion))]
     parts = [read_motion(p, label, functions) for p, label in zip(motion, labels, strict=True)]
@@ -96,7 +98,9 @@ def _of_one_mode(description: Description, motion: list[MotionPart], where: str,
     except InputError as error:
         raise InputError(_renamed(str(error), where)) from error
     model.inputs = tuple(item.name for item in inputs) or None
-    return Built(model, moving.dimensions, tuple(state.index(n) for n in names), sensings, tuple(inputs), biased)
+    return DescribedModel(
+        model, moving.dimensions, tuple(state.index(n) for n in names), sensings, tuple(inputs), biased
+    )
 
 
 # Columns that stand beside the estimates in what a run leaves behind, with those of their deviations and truth.

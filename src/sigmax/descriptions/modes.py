@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from sigmax.descriptions.built import Built
+from sigmax.descriptions.described_model import DescribedModel
 from sigmax.descriptions.trial import parse_trial, with_updates
 from sigmax.errors import InputError
 from sigmax.files.description import Description
@@ -11,7 +11,7 @@ from sigmax.filters import Filter
 from sigmax.models import imm
 
 
-def in_turns(description: Description, built: Mapping[str, Built]) -> Built:
+def in_turns(description: Description, built: Mapping[str, DescribedModel]) -> DescribedModel:
     """One model of the modes' models; what is not in every mode enters as its prior says.
 
     Raises:
@@ -57,6 +57,6 @@ def in_turns(description: Description, built: Mapping[str, Built]) -> Built:
     return first._replace(model=model, dimensions=tuple(dimensions[name] for name in model.state))
 
 
-def _filter(name: str | None, built: Built) -> Filter | None:
+def _filter(name: str | None, built: DescribedModel) -> Filter | None:
     """A mode's own filter, with the updates of the sensors."""
     return None if name is None else with_updates(parse_trial(name).filter, built.updates)

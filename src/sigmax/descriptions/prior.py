@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.descriptions.built import Built
+from sigmax.descriptions.described_model import DescribedModel
 from sigmax.descriptions.sensor import first_position
 from sigmax.errors import InputError, unknown
 from sigmax.files.units import quantity
@@ -16,7 +16,7 @@ ALL_FROM = "from"
 
 def read_prior(
     given: dict[str, Any],
-    built: Built,
+    built: DescribedModel,
     measured: dict[str, np.ndarray],
     inputs: np.ndarray | None,
     rows: list[np.ndarray],
@@ -74,7 +74,7 @@ def read_prior(
 
 
 def search(
-    given: dict[str, Any], built: Built, measured: dict[str, np.ndarray], rows: list[np.ndarray]
+    given: dict[str, Any], built: DescribedModel, measured: dict[str, np.ndarray], rows: list[np.ndarray]
 ) -> tuple[np.ndarray, dict[str, float]]:
     """Where the search for the state at the first measurements begins (B, n), and how far from there it may lead.
 
@@ -113,7 +113,7 @@ def search(
     return at, within
 
 
-def _located(built: Built, sensor: str, z: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+def _located(built: DescribedModel, sensor: str, z: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """The positions of measurements, without the mean of the bias and as uncertain as it leaves them."""
     sensing = built.sensings[sensor]
     own = [k for k, item in enumerate(built.inputs) if item.sensor == sensor and item.deviation]
@@ -125,7 +125,7 @@ def _located(built: Built, sensor: str, z: np.ndarray, u: np.ndarray | None) -> 
     return first_position(sensing, z - F @ prior.mean, F @ prior.cov @ F.swapaxes(1, 2), deviations)
 
 
-def _component(given: dict[str, Any], name: str, built: Built, place: int) -> tuple[float, float]:
+def _component(given: dict[str, Any], name: str, built: DescribedModel, place: int) -> tuple[float, float]:
     if name not in given:
         means = f" (or {FROM} = a sensor)" if place in built.position else ""
         raise InputError(f"prior needs {str(name)!r}: {{ mean = …, std = … }}{means}")

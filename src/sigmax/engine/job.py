@@ -10,7 +10,18 @@ from sigmax.engine.lowered import Lowered
 from sigmax.engine.packing import Packing
 from sigmax.functions.current import found_once
 from sigmax.modelling.model import Model
-from sigmax.native.driver import EMPTY, Record, Rows, Sensor, Settled, Smoothing, Step, over_cores, pointer, series
+from sigmax.native.driver import (
+    EMPTY,
+    RecordJob,
+    RowsJob,
+    SensorJob,
+    Settled,
+    SmoothingJob,
+    Step,
+    over_cores,
+    pointer,
+    series,
+)
 from sigmax.steps.step import Innovation
 
 
@@ -82,7 +93,7 @@ def record(
     out: Outputs,
     moving_from: int = 0,
     settled: Settled | None = None,
-) -> Record:
+) -> RecordJob:
     """A record to be filtered: the job that `run`, a live step (T = 1) and steps of rows (T = 1) are.
 
     Args:
@@ -102,7 +113,7 @@ def record(
     some = next(iter(z.values()), None)
     steps = dt.shape[-1] if dt is not None else 1 if some is None else some.shape[-2]
     # In the order of the fields, which costs half as much as by name.
-    return Record(
+    return RecordJob(
         len(state),
         steps,
         packing.points,
@@ -113,7 +124,7 @@ def record(
         EMPTY if dt is None else series(dt, 0, dt.ndim == 2, True),
         EMPTY if u is None else series(u, 1, u.ndim == 3, True),
         len(sensors),
-        (Sensor * max(len(sensors), 1))(*sensors),
+        (SensorJob * max(len(sensors), 1))(*sensors),
         pointer(state),
         *map(pointer, (out.total, out.mean, out.factor, out.nis, out.log_likelihood, out.fault, out.dof, out.rest)),
         moving_from,
@@ -122,9 +133,9 @@ def record(
     )
 
 
-def _sensor(parts: Parts, model: Model, name: str, z: np.ndarray, told: Innovation | None) -> Sensor:
+def _sensor(parts: Parts, model: Model, name: str, z: np.ndarray, told: Innovation | None) -> SensorJob:
     part = parts["correct", name, z.shape[-1]]
-    return Sensor(
+    return SensorJob(
         part.step.address,
         pointer(part.constants),
         series(z, 1, z.ndim == 3, True),
@@ -153,14 +164,14 @@ def smoothing(
     dt: np.ndarray,
     u: np.ndarray | None,
     out: tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray],
-) -> Smoothing:
+) -> SmoothingJob:
     """A record to be smoothed: means, factors, faults and the rest, the batch first where there is one.
 
     And where they go: means, factors, the rest, faults.
     """
     mean, factor, fault, rest = filtered
     batched = mean.ndim == 3
-    return Smoothing(
+    return SmoothingJob(
         len(mean) if batched else 1,
         mean.shape[-2],
         packing.points,
@@ -179,9 +190,9 @@ def smoothing(
     )
 
 
-def rows(part: BoundStep, given: np.ndarray, out: np.ndarray) -> Rows:
+def rows(part: BoundStep, given: np.ndarray, out: np.ndarray) -> RowsJob:
     """A function of rows `given` (B, k), or (k,) for one, whose results go to `out` (B, l) or (l,)."""
-    return Rows(
+    return RowsJob(
         part.step.address,
         pointer(part.constants),
         series(given, 1, given.ndim == 2, False),

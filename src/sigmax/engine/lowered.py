@@ -8,11 +8,11 @@ import jax
 import numpy as np
 
 from sigmax.algebra.kernel import kernels
-from sigmax.engine import traced
+from sigmax.engine import half_step_trace
+from sigmax.engine.half_step_trace import HalfStepTrace
 from sigmax.engine.half_steps import back_steps, half_steps
 from sigmax.engine.packing import Packing
 from sigmax.engine.steady_step import steady_step
-from sigmax.engine.traced import Traced
 from sigmax.filters import Filter
 from sigmax.functions.current import found_once
 from sigmax.modelling.model import Model
@@ -52,7 +52,7 @@ class Lowered:
         dtype: Any,
         alone: bool = False,
         numbers: Sequence[np.ndarray] | None = None,
-        longest: float = traced.LONGEST,
+        longest: float = half_step_trace.LONGEST,
     ) -> None:
         self.filter, self.structure, self.inputs, self.dtype = filter, structure, inputs, np.dtype(dtype)
         self._alone, self._numbers, self._longest = alone, numbers, longest
@@ -86,8 +86,8 @@ class Lowered:
         """
         return self._traced(part, *about).straight()
 
-    def _traced(self, part: str, *about: Any) -> Traced:
-        made: Traced = getattr(self, f"_{part}")(*about)
+    def _traced(self, part: str, *about: Any) -> HalfStepTrace:
+        made: HalfStepTrace = getattr(self, f"_{part}")(*about)
         return made
 
     def _chosen(self, part: str, *about: Any) -> Program | Loops:
@@ -112,7 +112,7 @@ class Lowered:
 
     def _program(
         self, function: Callable[..., Any], inputs: dict[str, list[Array]], g: Graph, made: Callable[..., Any]
-    ) -> Traced:
+    ) -> HalfStepTrace:
         """Trace a function of the model's numbers and of the inputs."""
         noises, place = [], 0
         for zero in self.zeros if self._numbers is None else ():
@@ -127,7 +127,7 @@ class Lowered:
         count = len(noises)
         with kernels():
             closed = jax.make_jaxpr(lambda *a: function(self._model(a[:count]), *a[count:]))(*specs)
-        return Traced(g, tuple(inputs), closed, arrays, made)
+        return HalfStepTrace(g, tuple(inputs), closed, arrays, made)
 
     def _given(self, g: Graph, *shapes: tuple[int, ...]) -> list[Array]:
         """Arrays of inputs that follow each other in one group."""
@@ -135,7 +135,7 @@ class Lowered:
         bounds = np.cumsum([int(np.prod(s)) for s in shapes])[:-1]
         return [part.reshape(shape) for part, shape in zip(np.split(flat, bounds), shapes, strict=True)]
 
-    def _start(self) -> Traced:
+    def _start(self) -> HalfStepTrace:
         """Mean and covariance, row by row below the diagonal -> belief, and whether it is one."""
         g = Graph(self.dtype)
         n = self.packing.n
@@ -153,7 +153,7 @@ class Lowered:
 
         return self._program(function, {"given": [mean, cov]}, g, made)
 
-    def _predict(self) -> Traced:
+    def _predict(self) -> HalfStepTrace:
         g = Graph(self.dtype)
 
         def function(model: Model, *given: Any) -> Any:
@@ -167,7 +167,7 @@ class Lowered:
             function, inputs, g, lambda out: {"next": self.packing.nodes(out[:-1]), "told": [out[-1][()]]}
         )
 
-    def _correct(self, sensor: str, size: int, together: Callable[[Any, Any], Fused] | None = None) -> Traced:
+    def _correct(self, sensor: str, size: int, together: Callable[[Any, Any], Fused] | None = None) -> HalfStepTrace:
         """A measurement (m,), or what several sensors measured, put together before: (z, u) -> the one it makes."""
         g = Graph(self.dtype)
 
@@ -200,11 +200,11 @@ class Lowered:
             lambda out: {"next": self.packing.nodes(out[:-told]), "told": [x for a in out[-told:] for x in a.flat]},
         )
 
-    def _steady(self, sensor: str, size: int) -> Traced:
+    def _steady(self, sensor: str, size: int) -> HalfStepTrace:
         about = steady_step(self.filter, self.packing, self.dtype, sum(z.size for z in self.zeros), sensor, size)
         return self._program(*about)._replace(inputs=("state", "given"))
 
-    def _back(self) -> Traced:
+    def _back(self) -> HalfStepTrace:
         """A step of the smoother: the filtered state, the smoothed later one -> the smoothed one."""
         g = Graph(self.dtype)
 
@@ -234,7 +234,7 @@ def lowered(
     filter: Filter, model: Model, inputs: int, dtype: Any, known_zeros: bool = True, alone: bool = False
 ) -> Lowered:
     """The compiled half-steps for a model, shared by models that differ in the numbers of their noises alone."""
-    return _of_model(model, filter, inputs, np.dtype(dtype), known_zeros, alone, traced.LONGEST)
+    return _of_model(model, filter, inputs, np.dtype(dtype), known_zeros, alone, half_step_trace.LONGEST)
 
 
 @found_once

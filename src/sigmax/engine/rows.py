@@ -19,7 +19,7 @@ from sigmax.functions.functions import check_shapes, counted
 from sigmax.modelling.model import Model
 from sigmax.modelling.switching import check_one_mode
 from sigmax.native.calls import extension, ready
-from sigmax.native.driver import Record
+from sigmax.native.driver import RecordJob
 from sigmax.preparation.joining import check_named
 from sigmax.preparation.prepare import as_filter, cast, run_type
 from sigmax.results.covariances import covariances
@@ -199,7 +199,7 @@ class RowSteps:
         sensor: str | None,
         z: np.ndarray | None,
         u: np.ndarray | None,
-    ) -> tuple[Lowered, Record, Innovation]:
+    ) -> tuple[Lowered, RecordJob, Innovation]:
         """A half-step on rows, in place, and where what it says will be."""
         m = 0 if z is None else self.model.measured_space(str(sensor), z.shape[-1]).dim
         low, parts = self._parts(*self._which(sensor, z, u))

@@ -14,7 +14,7 @@ from sigmax.engine.job import rows, without_numbers
 from sigmax.functions.current import current
 from sigmax.native import Graph, Program, evaluate
 from sigmax.native.calls import ready
-from sigmax.native.driver import Series, Step, Totals, driver, over_cores, pointer, series, steps
+from sigmax.native.driver import Series, Step, TotalsJob, driver, over_cores, pointer, series, steps
 from sigmax.native.fingerprint import fingerprint
 from sigmax.native.machine import lane_bytes
 
@@ -72,7 +72,7 @@ def totals(function: Callable[..., Any], *arrays: np.ndarray, backend: str | Non
         sums = np.zeros((T, sum(sizes), lane_bytes() // 8))
         parts = (Series * len(given))(*(series(a, a.ndim - 2, True, True) for a in given))
         part = without_numbers(step)
-        job = Totals(
+        job = TotalsJob(
             part.step.address,
             pointer(part.constants),
             T,

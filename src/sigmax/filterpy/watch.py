@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.functions.reading import read
+from sigmax.functions.environment import read
 from sigmax.native.stable import is_stable
 
 # Values that never change.

@@ -24,7 +24,7 @@ from sigmax.rewriting.augment import augment
 Build = Callable[[Parameters], tuple[Model, Gaussian]]
 
 
-def built(build: Build, parameters: Parameters) -> tuple[Model, Gaussian]:
+def model_and_prior(build: Build, parameters: Parameters) -> tuple[Model, Gaussian]:
     """The model and the prior of parameters.
 
     Raises:
@@ -64,7 +64,7 @@ def family(build: Build, search: Search, filter: Filter, given: Model, own: int,
     first = filter.form.bias_first
 
     def of(theta: Any) -> Model:
-        return augment(built(build, search.named(theta))[0], first)
+        return augment(model_and_prior(build, search.named(theta))[0], first)
 
     return _family(of, given, own, noises, search.size)
 

@@ -13,7 +13,7 @@ from sigmax.algebra.compiling import compiled
 from sigmax.engine import native_engine, xla_engine
 from sigmax.engine.backend import attempt
 from sigmax.filters import Filter
-from sigmax.fitting.family import Build, built, depends, family_of
+from sigmax.fitting.family import Build, depends, family_of, model_and_prior
 from sigmax.fitting.search import Search
 from sigmax.functions.current import current
 from sigmax.modelling.bias import joint
@@ -63,7 +63,7 @@ class Likelihood:
 
     def __init__(self, filter: Filter, data: Data, search: Search, start: np.ndarray) -> None:
         self.data, self.search = data, search
-        model, prior = built(data.build, search.numbers(start))
+        model, prior = model_and_prior(data.build, search.numbers(start))
         # Of a model of several modes, one filter for each.
         self.filter = as_filter(filter, model)
         self.ready = prepare(
@@ -202,7 +202,7 @@ class Likelihoods:
 
 def _joint(build: Build, search: Search, first: bool, theta: Any) -> tuple[Any, Any]:
     """The prior of state and bias."""
-    model, prior = built(build, search.named(theta) if is_traced(theta) else search.numbers(theta))
+    model, prior = model_and_prior(build, search.named(theta) if is_traced(theta) else search.numbers(theta))
     whole = prior if model.bias is None else joint(prior, model.bias.prior, first)
     return whole.mean, whole.cov
 
@@ -226,7 +226,7 @@ def _objective(
     """The log-likelihood of a record by XLA, compiled once: numbers are arguments."""
 
     def total(theta: Any, z: Any, dt: Any, inputs: Any, R: Any) -> Any:
-        model, prior = built(build, search.named(theta))
+        model, prior = model_and_prior(build, search.named(theta))
         done = run(filter, model, prior, z, dt=dt, inputs=inputs, R=R, update_first=update_first, keep=("fault",))
         return jnp.where(done.ok.all(), jnp.sum(done.log_likelihood), -jnp.inf)
 
@@ -235,6 +235,6 @@ def _objective(
 
 def first_fault(data: Data, filter: Filter, search: Search, theta: np.ndarray) -> list[str]:
     """The first fault of a record at parameters, in words."""
-    model, prior = built(data.build, search.named(theta))
+    model, prior = model_and_prior(data.build, search.named(theta))
     done = run(filter, model, prior, data.z, dt=data.dt, inputs=data.inputs, R=data.R, update_first=data.update_first)
     return done.faults(1)

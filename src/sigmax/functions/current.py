@@ -19,8 +19,8 @@ import jax
 import numpy as np
 
 from sigmax.errors import InputError
+from sigmax.functions.environment import Environment, read
 from sigmax.functions.places import Place, flags, of_dict, of_object, seen_now, unchanged
-from sigmax.functions.reading import Reading, read
 from sigmax.modelling.bias import Bias
 from sigmax.modelling.checks import is_traced
 from sigmax.modelling.gaussian import Gaussian
@@ -39,7 +39,7 @@ class _Known:
 
     function: Any
     stand_in: Callable[..., Any]
-    read: Reading
+    read: Environment
 
 
 class _Current(NamedTuple):
@@ -84,7 +84,7 @@ def _found(function: Any) -> _Known:
         return known
 
 
-def _as_it_was(then: Reading) -> bool:
+def _as_it_was(then: Environment) -> bool:
     """Whether all that was read is still there, and JAX remembers nothing else of what it remembers by itself."""
     return unchanged(then.places) and all(_inner.get(key) is known for key, known in then.within.items())
 

@@ -11,7 +11,7 @@ from sigmax.engine.backend import attempt, native_failed, natively
 from sigmax.errors import InputError
 from sigmax.filters import Filter
 from sigmax.live.estimate import Estimate, ahead, left_as_it_was, smoothed
-from sigmax.live.given import Heard
+from sigmax.live.live_arguments import Observation
 from sigmax.live.live_native import NativeState
 from sigmax.live.live_xla import XlaState
 from sigmax.live.window import Engine, Event, Standing, Window, reach
@@ -110,7 +110,7 @@ class ClockedEngine:
         finally:
             self.busy = False
 
-    def take(self, heard: Heard | None, u: Any, dt: float | None, time: float | None) -> Innovation | None:
+    def take(self, heard: Observation | None, u: Any, dt: float | None, time: float | None) -> Innovation | None:
         """What a measurement said, dt seconds on or at a time, or now; None where there is none, or it is too late.
 
         `u` are the inputs of the motion before it, None where they are not told with it.
@@ -130,9 +130,9 @@ class ClockedEngine:
                 self.do(lambda engine: engine.predict(dt or 0.0, u))
             said = None
         elif dt is None or (dt == 0 and time is not None):
-            said = heard.told(self.do(lambda engine: engine.update(heard.sensor, heard.z, heard.R, heard.u)))
+            said = heard.with_members(self.do(lambda engine: engine.update(heard.sensor, heard.z, heard.R, heard.u)))
         else:
-            said = heard.told(self.do(lambda engine: engine.step(heard.sensor, dt, heard.z, heard.R, heard.u)))
+            said = heard.with_members(self.do(lambda engine: engine.step(heard.sensor, dt, heard.z, heard.R, heard.u)))
         self.time = time if time is not None else self.time + (dt or 0.0)
         return said
 

@@ -13,7 +13,7 @@ from sigmax.filters import Filter, FromInformation
 from sigmax.functions.current import current_model
 from sigmax.live.clocked_engine import ClockedEngine
 from sigmax.live.estimate import Estimate
-from sigmax.live.given import Given, Heard
+from sigmax.live.live_arguments import LiveArguments, Observation
 from sigmax.live.live_estimate import LiveEstimate
 from sigmax.live.saved import identity, restored, saved
 from sigmax.modelling.gaussian import Gaussian
@@ -92,7 +92,8 @@ class Live(LiveEstimate):
         self._dtype, self._batched = run_type(dtype), layout.batched
         self._tracks = (len(prior.mean),) if self._batched else ()
         self.model = cast(model, self._dtype)
-        self._given = Given(self.model, self._dtype, self._tracks, now, somewhere(self._asked[2]), members)
+        here = somewhere(self._asked[2])
+        self._arguments = LiveArguments(self.model, self._dtype, self._tracks, now, here, members)
         spans = duration("window", window), duration("lag", lag)
         self._how: dict[str, Any] = {"backend": backend, "window": spans[0], "lag": spans[1]}
         self._zero = zero_of(time)
@@ -107,8 +108,8 @@ class Live(LiveEstimate):
         if (dt is None) == (time is None):
             raise InputError("predict moves by dt seconds or to a time: give one of the two")
         # In a window the inputs of the motion that are not told are those of other steps.
-        borrowed = u is None and self._clocked.keeps and not self._given.fused
-        given = None if borrowed else self._given.moving(u)
+        borrowed = u is None and self._clocked.keeps and not self._arguments.fused
+        given = None if borrowed else self._arguments.moving(u)
         elapsed = None if dt is None else seconds_of(dt)
         self._clocked.take(None, given, elapsed, self._seconds(time))
 
@@ -130,24 +131,24 @@ class Live(LiveEstimate):
         """
         at = self._seconds(time)
         later = at is not None and at > self._clocked.time
-        moved = u is not None or self._given.fused if self._clocked.keeps else later
-        return self._take(self._given.heard(z, sensor, R, u, moved), None, at)
+        moved = u is not None or self._arguments.fused if self._clocked.keeps else later
+        return self._take(self._arguments.observation(z, sensor, R, u, moved), None, at)
 
     def update_together(self, together: Fused) -> Innovation:
         """Correct with what fused sensors made of their measurements."""
-        return self._take(self._given.together(together), None, None)
+        return self._take(self._arguments.together(together), None, None)
 
     def expect(self, sensor: str | None = None, *, R: Any = None, u: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """What a sensor should measure now, (m,) or (B, m), and the covariance of the innovation: for gates."""
-        if self._given.fused:
+        if self._arguments.fused:
             raise InputError("the sensors are fused; expect one of them with a filter on the model as it was before")
         check_flat(self.model, "expect")
-        name = self._given.sensor(sensor)
+        name = self._arguments.sensor(sensor)
         names = self.model.measurement[name]
         if names is None:
             raise InputError("name the components of the measurement in the model: R is a function and counts none")
         nothing = np.zeros((*self._tracks, len(names)), self._dtype)
-        given = self._given.noise(name, R), self._given.inputs(u, "sensor", name)
+        given = self._arguments.noise(name, R), self._arguments.inputs(u, "sensor", name)
         told = self._clocked.expected(name, nothing, *given)
         return -np.asarray(told.residual), covariances(np.asarray(told.factor))
 
@@ -158,7 +159,7 @@ class Live(LiveEstimate):
             told = clocked.at_once(sensor, dt, z)
             if told is not NotImplemented:
                 return told
-        return self._take(self._given.heard(z, sensor, R, u, True), seconds_of(dt), None)
+        return self._take(self._arguments.observation(z, sensor, R, u, True), seconds_of(dt), None)
 
     def at(self, time: Any, *, u: Any = None) -> Estimate:
         """What is known of a time from what was measured until then: of now, of later, or within the window.
@@ -170,7 +171,7 @@ class Live(LiveEstimate):
         Raises:
             InputError: for a time of which nothing is kept.
         """
-        given = None if u is None else self._given.moving(u)
+        given = None if u is None else self._arguments.moving(u)
         return self._dated(self._clocked.at(self._seconds(time), given))
 
     @property
@@ -225,9 +226,9 @@ class Live(LiveEstimate):
         time = since(self._zero, found.stored_time).astype(np.int64)
         return replace(found, stored_time=time, layout=found.layout._replace(dated=True))
 
-    def _take(self, heard: Heard, dt: float | None, time: float | None) -> Innovation:
+    def _take(self, heard: Observation, dt: float | None, time: float | None) -> Innovation:
         said = self._clocked.take(heard, heard.u, dt, time)
-        return heard.unheard(self.model) if said is None else said
+        return heard.missing(self.model) if said is None else said
 
     def put(self, belief: Any, fault: Any) -> None:
         """Take up a belief laid out as `belief` gives it; with a window, no measurement of before is taken any more."""

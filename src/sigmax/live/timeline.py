@@ -9,7 +9,7 @@ Event = TypeVar("Event")
 Keyed = tuple[tuple[Any, ...], Event]
 
 
-class Entry(NamedTuple):
+class TimelineEntry(NamedTuple):
     """An event.
 
     Attributes:
@@ -37,7 +37,7 @@ class Timeline(Generic[State, Event]):
 
     def __init__(self, advance: Callable[[State, Event], tuple[State, Any]]) -> None:
         self._advance = advance
-        self.entries: list[Entry] = []
+        self.entries: list[TimelineEntry] = []
 
     def place(self, key: tuple[Any, ...]) -> int:
         """Where an event belongs: behind those of the same key."""
@@ -59,11 +59,11 @@ class Timeline(Generic[State, Event]):
         for key, event in events:
             before = state
             state, told = self._advance(before, event)
-            done.append(Entry(key, event, before, told))
+            done.append(TimelineEntry(key, event, before, told))
         self.entries[place:] = done
         return state
 
-    def settle(self, until: float) -> list[Entry]:
+    def settle(self, until: float) -> list[TimelineEntry]:
         """Take out the events before a time, which nothing can change any more."""
         count = 0
         while count < len(self.entries) and self.entries[count].key[0] < until:

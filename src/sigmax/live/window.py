@@ -9,10 +9,10 @@ import numpy as np
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
-from sigmax.live.given import Heard
+from sigmax.live.live_arguments import Observation
 from sigmax.live.live_native import NativeState
 from sigmax.live.live_xla import XlaState
-from sigmax.live.timeline import Entry, Keyed, Timeline
+from sigmax.live.timeline import Keyed, Timeline, TimelineEntry
 from sigmax.modelling.model import Model
 from sigmax.steps.step import Innovation, later
 
@@ -46,7 +46,7 @@ class Event(NamedTuple):
     """
 
     time: float
-    heard: Heard | None
+    heard: Observation | None
     own: np.ndarray | None
     u: np.ndarray | None = None
 
@@ -162,7 +162,7 @@ class Window:
         def standing(s: Standing) -> list[Any]:
             return [s.time, write(s.held), s.fault]
 
-        def heard(h: Heard) -> list[Any]:
+        def heard(h: Observation) -> list[Any]:
             return [h.sensor, h.z, h.R.entries if isinstance(h.R, Diagonal) else h.R, h.u]
 
         events = [(e.event, e.before) for e in self._line.entries]
@@ -175,12 +175,12 @@ class Window:
         def standing(s: list[Any]) -> Standing:
             return Standing(s[0], read(s[1]), s[2])
 
-        def heard(h: list[Any]) -> Heard:
-            return Heard(h[0], h[1], Diagonal(h[2]) if h[2] is not None and h[2].ndim == 1 else h[2], h[3])
+        def heard(h: list[Any]) -> Observation:
+            return Observation(h[0], h[1], Diagonal(h[2]) if h[2] is not None and h[2].ndim == 1 else h[2], h[3])
 
         told, now, self._before = saved
         events = [(Event(t, None if h is None else heard(h), own, u), standing(s)) for t, h, own, u, s in told]
-        self._line.entries = [Entry(self._key(event), event, before, None) for event, before in events]
+        self._line.entries = [TimelineEntry(self._key(event), event, before, None) for event, before in events]
         self._engine, self.now = engine, standing(now)
         self._standing = self.now
 
@@ -207,9 +207,11 @@ class Window:
             if dt > 0:
                 engine.predict(dt, event.u)
         elif dt > 0:
-            told = heard.told(engine.step(heard.sensor, dt, heard.z, heard.R, event.u if self._driven else heard.u))
+            told = heard.with_members(
+                engine.step(heard.sensor, dt, heard.z, heard.R, event.u if self._driven else heard.u)
+            )
         else:
-            told = heard.told(engine.update(heard.sensor, heard.z, heard.R, heard.u))
+            told = heard.with_members(engine.update(heard.sensor, heard.z, heard.R, heard.u))
         return self._stood(event.time), told
 
     def _filled(self, events: list[Keyed[Event]], first: int) -> list[Keyed[Event]]:
@@ -222,7 +224,7 @@ class Window:
             filled.append((key, event._replace(u=u)))
         return filled[::-1]
 
-    def _worst(self, done: Sequence[Entry]) -> Any:
+    def _worst(self, done: Sequence[TimelineEntry]) -> Any:
         """The first fault of several events."""
         standings = [*(e.before for e in done[1:]), self.now]
         fault = standings[0].fault

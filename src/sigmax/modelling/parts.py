@@ -62,7 +62,7 @@ def made_again(make: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str
 
 
 @dataclass(eq=False)
-class Part:
+class PartFunction:
     """A function of a ready-made part, which pickles as how it was made: functions inside functions cannot.
 
     Attributes:
@@ -83,7 +83,7 @@ class Part:
         return made_again, tuple(self._made_by)
 
 
-class Maker(Part):
+class Maker(PartFunction):
     """A function that makes parts: of equal arguments the same, so that a compiled filter is found again."""
 
     def __init__(self, function: Callable[..., Any], origin: Origin) -> None:
@@ -139,7 +139,7 @@ def _named(made: Any, by: Callable[..., Any], args: tuple[Any, ...], kwargs: dic
     if isinstance(made, Motion | Sensor):
         functions = {field: value for field, value in made._asdict().items() if callable(value)}
         named: Any = {
-            f: (Maker if f == "noise" else Part)(g, Origin(by, args, kwargs, f)) for f, g in functions.items()
+            f: (Maker if f == "noise" else PartFunction)(g, Origin(by, args, kwargs, f)) for f, g in functions.items()
         }
         return made._replace(**named)
-    return Part(made, Origin(by, args, kwargs, None)) if callable(made) else made
+    return PartFunction(made, Origin(by, args, kwargs, None)) if callable(made) else made

@@ -49,7 +49,7 @@ class Series(ctypes.Structure):
 EMPTY = Series(None, 0, 0, 0)
 
 
-class Sensor(ctypes.Structure):
+class SensorJob(ctypes.Structure):
     """One sensor of a record, see record.c."""
 
     _fields_ = [
@@ -71,7 +71,7 @@ class Settled(ctypes.Structure):
     ]
 
 
-class Record(ctypes.Structure):
+class RecordJob(ctypes.Structure):
     """A record to be filtered, see record.c."""
 
     _fields_ = [
@@ -79,7 +79,7 @@ class Record(ctypes.Structure):
         *((k, ctypes.c_void_p) for k in ("predict", "c")),
         *((k, Series) for k in ("dt", "u")),
         ("sensors", ctypes.c_long),
-        ("sensor", ctypes.POINTER(Sensor)),
+        ("sensor", ctypes.POINTER(SensorJob)),
         *(
             (k, ctypes.c_void_p)
             for k in ("state", "total", "mean", "factor", "nis", "log_likelihood", "fault", "dof", "rest")
@@ -90,7 +90,7 @@ class Record(ctypes.Structure):
     ]
 
 
-class Smoothing(ctypes.Structure):
+class SmoothingJob(ctypes.Structure):
     """A record to be smoothed, see record.c."""
 
     _fields_ = [
@@ -102,7 +102,7 @@ class Smoothing(ctypes.Structure):
     ]
 
 
-class Rows(ctypes.Structure):
+class RowsJob(ctypes.Structure):
     """A function of rows, see record.c."""
 
     _fields_ = [
@@ -114,7 +114,7 @@ class Rows(ctypes.Structure):
     ]
 
 
-class Totals(ctypes.Structure):
+class TotalsJob(ctypes.Structure):
     """A function to be added up over tracks, see record.c."""
 
     _fields_ = [

@@ -14,7 +14,7 @@ from sigmax.native.refusal import Defect, Refused, defects_raised, line_of
 Function = Callable[..., Any]
 
 
-class Rule(NamedTuple):
+class LoweringRule(NamedTuple):
     """How a primitive is lowered.
 
     Attributes:
@@ -35,8 +35,8 @@ class Rule(NamedTuple):
 
 
 # Of what means the same for numbers and integers, or takes no integers; and of what computes integers from integers.
-RULES: dict[str, Rule] = {}
-INTEGER_RULES: dict[str, Rule] = {}
+RULES: dict[str, LoweringRule] = {}
+INTEGER_RULES: dict[str, LoweringRule] = {}
 
 # Beyond this nothing comes out that is small enough for a compiler: see `pieces`.
 _LARGEST = 300_000
@@ -53,21 +53,21 @@ def rule(
     calls: bool = False,
     integers: bool | None = None,
 ) -> Callable[[Function], Function]:
-    """Let a function be the rule of these primitives: see `Rule`.
+    """Let a function be the rule of these primitives: see `LoweringRule`.
 
     Args:
         names: of the primitives.
         parameters: what it takes into account; any other that is set is refused.
-        moves: see `Rule`.
-        any_width: see `Rule`.
-        tables: see `Rule`.
-        calls: see `Rule`.
+        moves: see `LoweringRule`.
+        any_width: see `LoweringRule`.
+        tables: see `LoweringRule`.
+        calls: see `LoweringRule`.
         integers: whether the rule is for operations with integers; None is for operations with and without.
     """
 
     def register(function: Function) -> Function:
         known = frozenset(parameters.split())
-        new = Rule(function, known, moves, any_width or moves, tables or moves or calls, calls)
+        new = LoweringRule(function, known, moves, any_width or moves, tables or moves or calls, calls)
         if not integers:
             RULES.update(dict.fromkeys(names, new))
         if integers is not False:

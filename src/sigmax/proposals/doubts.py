@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from sigmax.descriptions.built import Built
+from sigmax.descriptions.described_model import DescribedModel
 from sigmax.descriptions.sensor import first_position
 from sigmax.files.description import Description
 from sigmax.files.table import Table, clock_period
 from sigmax.files.units import ANGLE, TURN_RATE, quantity
-from sigmax.proposals.likely import LATEST, epoch_unit, likely_track, speeds
+from sigmax.proposals.column_meanings import LATEST, epoch_unit, likely_track, speeds
 from sigmax.proposals.roles import has_numbers
 
 _SENTINELS = (-9999.0, -999.0, -99999.0, 9999.0, 99999.0, 999999.0, -32768.0, 32767.0)
@@ -22,7 +22,7 @@ _FAST, _SLOW = 100.0, 1e-3
 
 def doubts(
     description: Description,
-    built: Built,
+    built: DescribedModel,
     table: Table,
     time: np.ndarray,
     epoch: pd.Timestamp | None,
@@ -105,7 +105,7 @@ def standstill(column: str, time: np.ndarray, rows: list[np.ndarray]) -> Iterato
         )
 
 
-def _angles(description: Description, built: Built, table: Table) -> Iterator[str]:
+def _angles(description: Description, built: DescribedModel, table: Table) -> Iterator[str]:
     wanted = [
         (column, f"sensors.{s}.columns.{name}")
         for s, sensing in built.sensings.items()
@@ -123,7 +123,7 @@ def _angles(description: Description, built: Built, table: Table) -> Iterator[st
             )
 
 
-def _sentinels(description: Description, built: Built, table: Table) -> Iterator[str]:
+def _sentinels(description: Description, built: DescribedModel, table: Table) -> Iterator[str]:
     for s in built.sensings:
         for name, column in description.sensors[s].columns.items():
             values = column.numbers(table)
@@ -165,7 +165,7 @@ def _same(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _pace(
     description: Description,
-    built: Built,
+    built: DescribedModel,
     table: Table,
     time: np.ndarray,
     rows: list[np.ndarray],
@@ -202,7 +202,7 @@ def _pace(
         )
 
 
-def _fastest(description: Description, built: Built) -> float | None:
+def _fastest(description: Description, built: DescribedModel) -> float | None:
     """The largest speed that the prior finds likely."""
     state = built.model.state
     mean, deviation = built_prior(description, built)
@@ -212,7 +212,7 @@ def _fastest(description: Description, built: Built) -> float | None:
     return max(abs(mean[i]) + 3 * deviation[i] for i in places) or None
 
 
-def built_prior(description: Description, built: Built) -> tuple[list[float], list[float]]:
+def built_prior(description: Description, built: DescribedModel) -> tuple[list[float], list[float]]:
     """Mean and deviation of each component, 0 where the prior of a description says nothing of it."""
     mean, deviation = [], []
     for name, dimension in zip(built.model.state, built.dimensions, strict=True):

@@ -9,7 +9,7 @@ import pandas as pd
 
 from sigmax.errors import InputError
 from sigmax.files.table import Table
-from sigmax.proposals.likely import epoch_unit, labels_of
+from sigmax.proposals.column_meanings import epoch_unit, labels_of
 
 _UNITS = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),

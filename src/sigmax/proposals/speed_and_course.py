@@ -9,7 +9,7 @@ from sigmax.descriptions.local import VELOCITY, with_local
 from sigmax.files.description import Column, LocalPart
 from sigmax.files.table import Table
 from sigmax.files.units import ANGLE, SPEED, is_unit_of
-from sigmax.proposals.likely import labels_of
+from sigmax.proposals.column_meanings import labels_of
 from sigmax.proposals.roles import base_and_unit, named
 
 # Names that say a unit: of AIS, ADS-B and NMEA.

@@ -15,8 +15,8 @@ from sigmax.files.read_table import read_tables
 from sigmax.files.table import Table, clock_period
 from sigmax.files.units import TIME, to_si
 from sigmax.proposals.beacons import beacons
+from sigmax.proposals.column_meanings import labels_of, likely_track, speeds
 from sigmax.proposals.doubts import clock_doubts, standstill
-from sigmax.proposals.likely import labels_of, likely_track, speeds
 from sigmax.proposals.positions import geodetic, plane, polar, quoted
 from sigmax.proposals.roles import TimeRole, has_numbers, time_of, track_of
 

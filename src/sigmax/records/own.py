@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sigmax.descriptions.built import Built
 from sigmax.descriptions.delays import Rows, undelayed
+from sigmax.descriptions.described_model import DescribedModel
 from sigmax.descriptions.landmarks import with_landmark_inputs, with_landmarks
 from sigmax.descriptions.local import placed
 from sigmax.descriptions.model import build
@@ -20,8 +20,8 @@ from sigmax.files.description import Column, Description, TimeColumn, read_toml
 from sigmax.files.table import Table
 from sigmax.files.units import TIME, Dimension, parse_unit, to_si
 from sigmax.models import Gaussian
+from sigmax.proposals.column_meanings import counted_since_1970
 from sigmax.proposals.doubts import doubts
-from sigmax.proposals.likely import counted_since_1970
 from sigmax.records.beginning import from_measurements
 from sigmax.records.record import Record
 
@@ -111,7 +111,7 @@ def _record(path: Path, description: Description) -> Record:
     return made if found is None else from_measurements(made, *found)
 
 
-def check_columns(description: Description, built: Built) -> None:
+def check_columns(description: Description, built: DescribedModel) -> None:
     """What can be refused before the table is read.
 
     Raises:
@@ -136,7 +136,9 @@ def check_columns(description: Description, built: Built) -> None:
     to_si(description.time.unit, TIME, "time")
 
 
-def measured_columns(description: Description, built: Built, sensor: str) -> list[tuple[Column, Dimension | None, str]]:
+def measured_columns(
+    description: Description, built: DescribedModel, sensor: str
+) -> list[tuple[Column, Dimension | None, str]]:
     """What a sensor measures: column, dimension, and where it is said."""
     given = description.sensors[sensor].columns
     dimensions = built.sensings[sensor].dimensions
@@ -216,7 +218,9 @@ def _beginning(
     return tuple(names[k] for k in kept), [rows[k] for k in kept], (note,)
 
 
-def _inputs(table: Table, built: Built, measured: dict[str, np.ndarray], rows: list[np.ndarray]) -> np.ndarray | None:
+def _inputs(
+    table: Table, built: DescribedModel, measured: dict[str, np.ndarray], rows: list[np.ndarray]
+) -> np.ndarray | None:
     """All inputs (rows, k). An empty one holds the value before it; a sensor's may miss where it measured nothing."""
     if not built.inputs:
         return None

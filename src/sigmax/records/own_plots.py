@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sigmax.descriptions.built import Built
+from sigmax.descriptions.described_model import DescribedModel
 from sigmax.descriptions.local import MADE, frame_of, local_columns, placed, with_local
-from sigmax.descriptions.located import locate
 from sigmax.descriptions.model import build
+from sigmax.descriptions.plot_positions import locate
 from sigmax.descriptions.trial import parse_trial, with_updates
 from sigmax.errors import InputError, unknown
 from sigmax.files.description import read_toml
@@ -50,7 +50,7 @@ def own_plots(path: Path) -> PlotRecord:
         raise InputError(f"{path.name}: {error}") from error
 
 
-def build_plots(path: Path, description: PlotDescription) -> Built:
+def build_plots(path: Path, description: PlotDescription) -> DescribedModel:
     """The model of a description of plots, its sensors checked.
 
     Raises:
@@ -81,7 +81,7 @@ def build_plots(path: Path, description: PlotDescription) -> Built:
     return built
 
 
-def _modes(filter: Filter, built: Built) -> Modes:
+def _modes(filter: Filter, built: DescribedModel) -> Modes:
     """What a target may be doing: the description's motion, or its modes."""
     model = built.model
     if not isinstance(model, SwitchingModel):
@@ -154,7 +154,7 @@ def period_of(name: str, part: DetectionPart) -> float | None:
     return period
 
 
-def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> Callable[[Filter], Cycle]:
+def cycle_of(built: DescribedModel, description: PlotDescription, part: TrackingPart) -> Callable[[Filter], Cycle]:
     """What gives the cycle of a description with a filter.
 
     Raises:
@@ -199,7 +199,7 @@ def cycle_of(built: Built, description: PlotDescription, part: TrackingPart) -> 
     return cycle
 
 
-def _layout(built: Built, description: PlotDescription, state: list[str], names: list[str]) -> Layout:
+def _layout(built: DescribedModel, description: PlotDescription, state: list[str], names: list[str]) -> Layout:
     velocity = [f"v{name}" for name in names]
     polar = ["speed", "course"]
     if not all(v in state for v in velocity) and not (len(names) == 2 and all(p in state for p in polar)):
@@ -222,7 +222,7 @@ def _layout(built: Built, description: PlotDescription, state: list[str], names:
 
 
 def _truth(
-    folder: Path, description: PlotDescription, part: TrackingPart, built: Built, epoch: pd.Timestamp | None
+    folder: Path, description: PlotDescription, part: TrackingPart, built: DescribedModel, epoch: pd.Timestamp | None
 ) -> tuple[Truth, ...]:
     if part.truth is None:
         return ()
@@ -251,7 +251,7 @@ def _truth(
     return tuple(made)
 
 
-def _cutoff(part: TrackingPart, built: Built) -> float:
+def _cutoff(part: TrackingPart, built: DescribedModel) -> float:
     """What was asked for, or ten times the largest deviation of a sensor that measures positions."""
     if part.cutoff is not None:
         return quantity(part.cutoff, LENGTH, "tracking.cutoff")

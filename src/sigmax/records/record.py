@@ -97,7 +97,7 @@ class Record:
         """Which steps are not padding (B, T)."""
         return np.arange(self.time.shape[1]) < self.steps[:, None]
 
-    def told(self, trial: Trial) -> tuple[Filter, Model, Gaussian]:
+    def of_trial(self, trial: Trial) -> tuple[Filter, Model, Gaussian]:
         """Filter, model and prior of a trial: the variances of fixed components of state and bias are 0.
 
         Raises:

@@ -50,7 +50,7 @@ def check(record: Record, trials: tuple[Trial, ...]) -> None:
         InputError: with the trial or the function of the model that does not fit.
     """
     for trial in trials:
-        filter, model, prior = record.told(trial)
+        filter, model, prior = record.of_trial(trial)
         try:
             # Checks of the engine look at the functions and the first step; the record itself is checked already.
             z = {s: v[:, :1] for s, v in record.z.items()} if isinstance(record.z, dict) else record.z[:, :1]
@@ -75,7 +75,7 @@ def _weighs(filter: Filter, model: Model) -> bool:
 
 def robust_trial(record: Record, trial: Trial) -> Trial | None:
     """A trial with a Student update for each sensor of heavy tails, see `fit_tails`; None where none gains by it."""
-    filter, model, prior = record.told(trial)
+    filter, model, prior = record.of_trial(trial)
     if model.fusion is not None or _weighs(filter, model):
         return None
     given: dict[str, Any] = {"dt": record.dt, "inputs": record.inputs, "update_first": record.update_first}
@@ -85,7 +85,7 @@ def robust_trial(record: Record, trial: Trial) -> Trial | None:
 
 def track(record: Record, trial: Trial) -> Outcome:
     """Run one filter over all tracks of a record; a failure is told in the outcome."""
-    filter, model, prior = record.told(trial)
+    filter, model, prior = record.of_trial(trial)
     # Innovations are large, and only what weighs them is asked of them.
     kept = (*_KEPT, "modes", *(("innovation",) if _weighs(filter, model) else ()))
 

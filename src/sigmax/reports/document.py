@@ -5,9 +5,11 @@ import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from html import escape
+from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
+import sigmax
 from sigmax.filters import Filter
 from sigmax.reports.figures.draw import Figure
 
@@ -149,3 +151,8 @@ def data(source: str, licence: str, notes: Sequence[str]) -> str:
     """Where the data come from, and what a reader should know of them."""
     terms = f"; {escape(licence)}" if licence else ""
     return section("Data", "", f"<p>{escape(source)}{terms}.</p>{listed(notes, 'notes')}")
+
+
+def versions() -> dict[str, str]:
+    """The versions that made a result."""
+    return {"sigmax": sigmax.__version__, "jax": version("jax"), "numpy": version("numpy")}

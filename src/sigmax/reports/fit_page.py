@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 import sigmax
-from sigmax.corrections.refit import Refit
+from sigmax.corrections.fit_numbers import RecordFit
 from sigmax.fitting import Along, Fit
 from sigmax.fitting.result import INTERVAL
-from sigmax.reports.document import data, document, lead, place, section, table
+from sigmax.reports.document import data, document, lead, place, section, table, versions
 from sigmax.reports.figures import Figure, colour
-from sigmax.reports.folder import check_folder, versions, write_json
+from sigmax.reports.folder import check_folder, write_json
 from sigmax.reports.replaced import replaced
 from sigmax.views import words
 
@@ -21,7 +21,7 @@ FILES = ("report.html", "summary.json")
 HEADS = ("number", "as it stands", "fitted, ± its standard error")
 
 
-def write_fit(folder: Path, made: Refit) -> None:
+def write_fit(folder: Path, made: RecordFit) -> None:
     """Write report.html and summary.json; the folder appears whole or not at all.
 
     Raises:
@@ -33,7 +33,7 @@ def write_fit(folder: Path, made: Refit) -> None:
         (part / "report.html").write_text(page(made), encoding="utf-8")
 
 
-def in_numbers(made: Refit) -> dict[str, Any]:
+def in_numbers(made: RecordFit) -> dict[str, Any]:
     """The fit as data, with the units of its numbers."""
     return {
         "records": [record.name for record in made.records],
@@ -42,7 +42,7 @@ def in_numbers(made: Refit) -> dict[str, Any]:
     }
 
 
-def page(made: Refit) -> str:
+def page(made: RecordFit) -> str:
     """The fit as HTML."""
     fit, first = made.fit, made.records[0]
     title = first.title if len(made.records) == 1 else f"{len(made.records)} records"
@@ -82,7 +82,7 @@ def verdict(fit: Fit) -> tuple[str, list[str]]:
     return ("All numbers are determined." if not fit.undetermined else "Not every number is determined."), sentences
 
 
-def rows(made: Refit) -> list[tuple[str, str, str]]:
+def rows(made: RecordFit) -> list[tuple[str, str, str]]:
     """Each number in words, under `HEADS`."""
     found = []
     for n in made.numbers:
@@ -93,7 +93,7 @@ def rows(made: Refit) -> list[tuple[str, str, str]]:
     return found
 
 
-def _numbers(made: Refit) -> str:
+def _numbers(made: RecordFit) -> str:
     about = "Of a factor 1 is the noise as it stands; it multiplies variances."
     return section("Numbers", about, table(HEADS, [[escape(said) for said in row] for row in rows(made)]))
 

@@ -4,7 +4,6 @@ import json
 import math
 import tempfile
 from collections.abc import Collection, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +16,13 @@ from sigmax.errors import InputError
 from sigmax.files.frame import Frame
 from sigmax.leftovers import clear_leftovers
 from sigmax.records import Outcome, Record
-from sigmax.reports.examined import Examined
+from sigmax.reports.component_estimates import component_estimates
+from sigmax.reports.document import versions
+from sigmax.reports.examination_section import TrackExamination
 from sigmax.reports.grade import grade
 from sigmax.reports.page import page
 from sigmax.reports.replaced import replaced
 from sigmax.reports.score import Score
-from sigmax.reports.told import told
 from sigmax.reports.verdict import verdict
 from sigmax.steps.adaptive_noises import scales
 
@@ -93,7 +93,7 @@ def write(
     record: Record,
     outcomes: Sequence[Outcome],
     scores: Sequence[Score],
-    examined: Examined | None = None,
+    examined: TrackExamination | None = None,
 ) -> None:
     """Write estimates.parquet, summary.json and report.html; the folder appears whole or not at all.
 
@@ -107,12 +107,7 @@ def write(
         (part / "report.html").write_text(page(record, outcomes, scores, examined), encoding="utf-8")
 
 
-def versions() -> dict[str, str]:
-    """The versions that made a result."""
-    return {"sigmax": sigmax.__version__, "jax": version("jax"), "numpy": version("numpy")}
-
-
-def summary(record: Record, scores: Sequence[Score], examined: Examined | None = None) -> dict[str, Any]:
+def summary(record: Record, scores: Sequence[Score], examined: TrackExamination | None = None) -> dict[str, Any]:
     """The content of summary.json; numbers in SI and radians, null where there is none."""
     units = {str(n): d.symbol for n, d in record.components.items()}
     return {
@@ -184,7 +179,7 @@ def _estimates(path: Path, record: Record, outcomes: Sequence[Outcome]) -> None:
                 "track": (names, ""),
                 "time": (time, "s" if record.epoch is None else ""),
             }
-            for one in told(record, r):
+            for one in component_estimates(record, r):
                 columns[one.name] = (pa.array(one.mean[real]), one.dimension.symbol)
                 columns[f"{one.name}_std"] = (pa.array(one.deviation[real]), one.dimension.symbol)
                 columns[f"{one.name}_truth"] = (pa.array(one.truth[real], from_pandas=True), one.dimension.symbol)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from html import escape
-from importlib.metadata import version
 
 import numpy as np
 
@@ -25,8 +24,9 @@ from sigmax.reports.document import (
     settings,
     small,
     table,
+    versions,
 )
-from sigmax.reports.examined import Examined, examined_section
+from sigmax.reports.examination_section import TrackExamination, examination_section
 from sigmax.reports.figures import (
     Figure,
     Shown,
@@ -42,7 +42,7 @@ from sigmax.reports.figures import (
 from sigmax.reports.grade import Grade, grade
 from sigmax.reports.score import Score
 from sigmax.reports.verdict import RULES, best, nis_in_words, significant, verdict
-from sigmax.reports.weighed import Weighed
+from sigmax.reports.weight_counts import WeightCounts
 from sigmax.spaces import in_world_axes, readable
 
 # Tracks whose components are drawn; the folder's estimates hold all of them.
@@ -50,13 +50,15 @@ _TRACKS = 24
 _CLASS = {Grade.CONSISTENT: "good"} | dict.fromkeys((Grade.NEAR, Grade.HEAVY, Grade.CAUTIOUS, Grade.UNKNOWN), "near")
 
 
-def page(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score], examined: Examined | None = None) -> str:
+def page(
+    record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score], examined: TrackExamination | None = None
+) -> str:
     """The report as HTML."""
     ran = [(i, s.label, o) for i, (o, s) in enumerate(zip(outcomes, scores, strict=True)) if o.result is not None]
     chosen = best(scores)
     advised = next((i for i, s in enumerate(scores) if s is chosen), ran[0][0] if ran else 0)
     figures: dict[str, Figure] = {}
-    sections = [_verdict(record, scores), _table(scores), *examined_section(record, examined, figures)]
+    sections = [_verdict(record, scores), _table(scores), *examination_section(record, examined, figures)]
     apart = {i for i, s in enumerate(scores) if not grade(s).believable}
     path = path_figure(record, ran, advised, apart) if ran else None
     if path is not None:
@@ -221,15 +223,14 @@ def _weights(scores: Sequence[Score]) -> str:
     )
 
 
-def _share(count: int, of: Weighed) -> str:
+def _share(count: int, of: WeightCounts) -> str:
     return small(f"{count:,}", f"{100 * count / max(of.measurements, 1):.1f} %")
 
 
 def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Score]) -> str:
     model = record.model
     mean, cov = np.atleast_2d(record.prior.mean)[0], np.asarray(record.prior.cov).reshape(-1, model.dim, model.dim)[0]
-    half = in_world_axes(model.space, mean, cov)
-    cov = in_world_axes(model.space, mean, half.T)
+    cov = in_world_axes(model.space, mean, in_world_axes(model.space, mean, cov).T)
 
     def started(names: Sequence[str], mean: np.ndarray, cov: np.ndarray) -> str:
         found = zip(names, mean, np.sqrt(np.diag(cov)), strict=True)
@@ -238,8 +239,7 @@ def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Scor
     each = " of the first track" if len(record.tracks) > 1 else ""
     rows = [(f"prior{each}", started(model.deviations, readable(model.space, mean), cov))]
     modes = model.modes if isinstance(model, SwitchingModel) else {"": model}
-    for name, mode in modes.items():
-        rows.append((f"noise of the motion{f' in {name}' if name else ''}, per second", _noise(mode.Q)))
+    rows += [(f"noise of the motion{f' in {n}' if n else ''}, per second", _noise(m.Q)) for n, m in modes.items()]
     first = next(iter(modes.values()))
     if model.bias is not None:
         offsets = model.bias.prior
@@ -247,14 +247,13 @@ def _settings(record: Record, outcomes: Sequence[Outcome], scores: Sequence[Scor
         rows.append(("noise of the bias, per second", _noise(model.bias.Q)))
     rows += [(f"noise of {s or 'the sensor'}", _noise(R)) for s, R in first.R.items()]
     rows += [(s.label, parts(o.trial.filter)) for o, s in zip(outcomes, scores, strict=True)]
-    libraries = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy"))
-    rows.append(("versions", f"sigmax {sigmax.__version__}, {libraries}"))
+    rows.append(("versions", ", ".join(f"{name} {value}" for name, value in versions().items())))
     return settings(rows)
 
 
 def _noise(given: Noise) -> str:
-    if isinstance(given, Diagonal):
-        return "standard deviations " + ", ".join(f"{v:.4g}" for v in np.sqrt(np.asarray(given.entries)))
     if callable(given):
         return "a function"
+    if isinstance(given, Diagonal):
+        return "standard deviations " + ", ".join(f"{v:.4g}" for v in np.sqrt(np.asarray(given.entries)))
     return "covariance " + str(np.asarray(given).round(9).tolist())

@@ -11,9 +11,9 @@ from sigmax.algebra.factor import Diagonal
 from sigmax.modelling.noise import takes
 from sigmax.models import Model, SwitchingModel
 from sigmax.records import Outcome, Record
+from sigmax.reports.component_estimates import component_estimates, row_of
 from sigmax.reports.shares import outside_if, ratio_bounds, share_bounds
-from sigmax.reports.told import row_of, told
-from sigmax.reports.weighed import Weighed, judged_nis, least_weights, refused, weighed
+from sigmax.reports.weight_counts import WeightCounts, judged_nis, least_weights, refused, weight_counts
 from sigmax.running import Fault, Result
 
 # The probability that a Gaussian is more than 4 σ off, and the share of steps of which so much is too much.
@@ -72,7 +72,7 @@ class Score:
     log_likelihood: float | None = None
     faults: int = 0
     first_fault: str = ""
-    weighed: dict[str, Weighed] = field(default_factory=dict)
+    weighed: dict[str, WeightCounts] = field(default_factory=dict)
     modes: dict[str, float] = field(default_factory=dict)
     constants: dict[str, tuple[float, float]] | None = None
     seconds: float | None = None
@@ -87,7 +87,7 @@ def score(record: Record, outcome: Outcome) -> Score:
     if result is None:
         return Score(name, label, failure=outcome.failure)
     real = record.real
-    rows = list(told(record, result))[: record.model.dim]
+    rows = list(component_estimates(record, result))[: record.model.dim]
     error = np.stack([row.error[real] for row in rows], -1)
     known = ~np.isnan(error).all(0)
     rmse = {row.name: rms(error[:, i]) for i, row in enumerate(rows) if known[i]}
@@ -112,7 +112,7 @@ def score(record: Record, outcome: Outcome) -> Score:
         log_likelihood=float(np.sum(result.log_likelihood)),
         faults=faults,
         first_fault=first,
-        weighed=weighed(least),
+        weighed=weight_counts(least),
         modes=dict(zip(result.modes, result.probability[real].mean(0).tolist(), strict=True)) if result.modes else {},
         constants=_constants(record, result),
         seconds=outcome.seconds,
@@ -182,7 +182,7 @@ def _constants(record: Record, result: Result) -> dict[str, tuple[float, float]]
     u = None if record.inputs is None else record.inputs[0, 0]
     Q = _noise_of(record.model, np.atleast_2d(record.prior.mean)[0], u)
     moving = set(np.flatnonzero(Q != 0).tolist())
-    known = enumerate(told(record, result))
+    known = enumerate(component_estimates(record, result))
     return {one.name: (float(one.mean[0, -1]), float(one.deviation[0, -1])) for i, one in known if i not in moving}
 
 

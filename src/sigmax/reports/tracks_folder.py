@@ -7,15 +7,16 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-from sigmax.reports.folder import check_folder, versions, write_json
-from sigmax.reports.followed import Followed, summary_of
+from sigmax.reports.document import versions
+from sigmax.reports.folder import check_folder, write_json
 from sigmax.reports.replaced import replaced
+from sigmax.reports.tracking_outcome import TrackingOutcome, summary_of
 from sigmax.reports.tracks_page import tracks_page
 
 TRACK_FILES = ("tracks.parquet", "summary.json", "report.html")
 
 
-def write_tracks(folder: Path, run: Followed) -> None:
+def write_tracks(folder: Path, run: TrackingOutcome) -> None:
     """Write everything; the folder appears whole or not at all.
 
     Raises:
@@ -28,7 +29,7 @@ def write_tracks(folder: Path, run: Followed) -> None:
         (part / "report.html").write_text(tracks_page(run), encoding="utf-8")
 
 
-def _tracks(path: Path, run: Followed) -> None:
+def _tracks(path: Path, run: TrackingOutcome) -> None:
     """One row a scan and track, tentative ones too; the unit of a column is in the metadata of its field."""
     told = run.history
     count = [len(t.id) for t in told]

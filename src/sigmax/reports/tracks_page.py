@@ -9,7 +9,7 @@ import numpy as np
 import sigmax
 from sigmax.reports.document import data, document, dotted, graded, lead, packed, place, section, table
 from sigmax.reports.figures.draw import COLOURS, MUTED, Figure, line, safe
-from sigmax.reports.followed import Followed
+from sigmax.reports.tracking_outcome import TrackingOutcome
 from sigmax.reports.verdict import significant
 from sigmax.views.thin import stride
 
@@ -17,7 +17,7 @@ from sigmax.views.thin import stride
 _PLOTS, _TRACKS, _POINTS = 30_000, 400, 60_000
 
 
-def tracks_page(run: Followed) -> str:
+def tracks_page(run: TrackingOutcome) -> str:
     """The report as HTML."""
     record = run.record
     figures: dict[str, Figure] = {"life": _life(run)}
@@ -38,7 +38,7 @@ def tracks_page(run: Followed) -> str:
 _LIFE = "A bar from the confirmation of a track to its end, in the colour of the target it followed; grey: of none."
 
 
-def _verdict(run: Followed) -> str:
+def _verdict(run: TrackingOutcome) -> str:
     q = run.quality
     if not run.record.truth:
         return section("Tracks", "", f"<p>{len(run.confirmed)} confirmed tracks; no truth to compare with.</p>")
@@ -62,7 +62,7 @@ def _verdict(run: Followed) -> str:
     return lead(said, lost, body=table(heads, rows))
 
 
-def _map(run: Followed) -> str:
+def _map(run: TrackingOutcome) -> str:
     start, end = run.history[0].time, run.history[-1].time
     a, b, names = _axes(run)
     plots = []
@@ -112,7 +112,7 @@ def _map(run: Followed) -> str:
     return section("Map", f"{about} Draw the slider through time; drag on the map to zoom.", body)
 
 
-def _axes(run: Followed) -> tuple[int, int, list[str]]:
+def _axes(run: TrackingOutcome) -> tuple[int, int, list[str]]:
     state = run.cycle.modes.model.state
     names = [str(state[i]) for i in run.position[:2]]
     # Maps have north above.
@@ -132,14 +132,14 @@ def _ellipses(P: np.ndarray, a: int, b: int) -> list[list[float]]:
     return np.round(np.stack([axes[:, 1], axes[:, 0], angle], axis=1), 3).tolist()
 
 
-def _colour(run: Followed, track: int) -> str:
+def _colour(run: TrackingOutcome, track: int) -> str:
     for i, target in enumerate(run.record.truth):
         if any(k == track for _, k, _ in run.quality.matched[target.name]):
             return COLOURS[i % len(COLOURS)]
     return MUTED if run.record.truth else COLOURS[track % len(COLOURS)]
 
 
-def _life(run: Followed) -> Figure:
+def _life(run: TrackingOutcome) -> Figure:
     data = []
     for row, k in enumerate(sorted(run.confirmed)[:_TRACKS]):
         t = run.confirmed[k][0]
@@ -159,7 +159,7 @@ def _life(run: Followed) -> Figure:
     }
 
 
-def _errors(run: Followed) -> Figure:
+def _errors(run: TrackingOutcome) -> Figure:
     data = []
     for i, target in enumerate(run.record.truth):
         found = run.quality.matched[target.name]
@@ -177,7 +177,7 @@ def _errors(run: Followed) -> Figure:
     }
 
 
-def _sensors(run: Followed) -> str:
+def _sensors(run: TrackingOutcome) -> str:
     rows = []
     for h in run.health:
         nis = "–" if np.isnan(h.nis) else significant(h.nis)
@@ -189,7 +189,7 @@ def _sensors(run: Followed) -> str:
     return section("Sensors", about, table(heads, rows))
 
 
-def _data(run: Followed) -> str:
+def _data(run: TrackingOutcome) -> str:
     record = run.record
     words = {
         "taken": "taken as they came",

@@ -146,7 +146,7 @@ def predict(
         return kept(fault <= 0, Belief(mean, factor), belief), fault
 
 
-class Corrected(NamedTuple):
+class CorrectedBelief(NamedTuple):
     """What a measurement made of a belief.
 
     Attributes:
@@ -172,7 +172,7 @@ def correct(
 
 def corrected(
     filter: Filter, model: Model, sensor: str, R: Noise, belief: Belief, z: Any, u: Any, scale: Any
-) -> Corrected:
+) -> CorrectedBelief:
     """The same of a sensor whose R is found as it goes, by λ (m, ...) before it; None where it is the model's."""
     x, S = belief
     space, update = model.space, update_on(filter, model, sensor)
@@ -232,7 +232,7 @@ def corrected(
         # What is refused widens the belief, so that a filter that is wrong cannot refuse for ever.
         belief = belief._replace(factor=grown(filter, model, S, jnp.where(heard & ~used, weighed.growth, 1)))
     after = None if scale is None else jnp.where(used, after, scale)
-    return Corrected(kept(used, new, belief), told, jnp.where(count > 0, fault, 0), after)
+    return CorrectedBelief(kept(used, new, belief), told, jnp.where(count > 0, fault, 0), after)
 
 
 def later(fault: jax.Array, then: jax.Array) -> jax.Array:

@@ -56,7 +56,7 @@ def costs(
     """
     drawn = draw(study, seed, 0, backend)
     T = min(study.steps, _STEPS)
-    model, prior = study.told(drawn.mean)
+    model, prior = study.model_and_prior(drawn.mean)
     z: Any = {s: v[:, :T] for s, v in drawn.z.items()}
     inputs = None if study.inputs is None else np.asarray(study.inputs)[:T]
     taking_turns = [as_filter(f, study.model) for f in (yardstick, *filters.values())]

@@ -147,7 +147,7 @@ class Study:
         if self.units and len(self.units) != d:
             raise InputError(f"{self.name}: units must name {d} units, one a component")
 
-    def told(self, mean: Any) -> tuple[Model, Gaussian]:
+    def model_and_prior(self, mean: Any) -> tuple[Model, Gaussian]:
         """The model and the prior about `mean` (B, n) that the filters are told of."""
         if self.apart is None or self.apart.bias is None:
             return self.model, Gaussian(mean, self.prior.cov)

@@ -83,7 +83,7 @@ def _work(pickled: bytes) -> Work:
 def estimate(work: Work, name: str, drawn: Drawn) -> Estimated:
     """What one filter makes of a block."""
     study = work.study
-    model, prior = study.told(drawn.mean)
+    model, prior = study.model_and_prior(drawn.mean)
     z: Any = drawn.z if study.model.several else drawn.z[""]
     keep = ("mean", "factor", "fault", "nis", "dof")
     found = run(work.filters[name], model, prior, z, dt=study.dt, inputs=study.inputs, keep=keep, backend=work.backend)

@@ -61,7 +61,7 @@ def associated(
     hit, plot, nis = _best(pairs.track, pairs.plot, pairs.made.nis, found.share, len(life.id))
     return Followed(
         modes.update(beliefs, pairs.made, pairs.track, found.share),
-        life.told(time, hit, chance, found.existence),
+        life.after_scan(time, hit, chance, found.existence),
         found.share,
         plot,
         nis,
@@ -93,7 +93,7 @@ def branched(
     plot[seen], nis[seen] = pairs.plot[of], pairs.made.nis[of]
     return Followed(
         modes.update(beliefs.take(made.parent), corrections, np.flatnonzero(seen), np.ones(len(of))),
-        life.take(made.parent).told(time, made.hit, chance[made.parent], made.existence),
+        life.take(made.parent).after_scan(time, made.hit, chance[made.parent], made.existence),
         made.share,
         plot,
         nis,

@@ -59,7 +59,7 @@ class Life(NamedTuple):
         """These tracks and others behind them."""
         return Life(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
-    def told(self, time: float, hit: np.ndarray, chance: np.ndarray, existence: np.ndarray) -> "Life":
+    def after_scan(self, time: float, hit: np.ndarray, chance: np.ndarray, existence: np.ndarray) -> "Life":
         """After a scan that brought plots (`hit`), or should have (`chance`)."""
         shifted = (self.history << np.uint64(1)) | hit.astype(np.uint64)
         return self._replace(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sigmax.errors import InputError
-from sigmax.live.timeline import Entry, Timeline
+from sigmax.live.timeline import Timeline, TimelineEntry
 from sigmax.tracking.cycle import Cycle
 from sigmax.tracking.detector import Scan
 from sigmax.tracking.state import State, Told
@@ -21,7 +21,7 @@ class Saved(NamedTuple):
 
     state: State
     counts: dict[str, int]
-    recent: tuple[Entry, ...]
+    recent: tuple[TimelineEntry, ...]
     held: Scan | None
     refused_on_end: int
 

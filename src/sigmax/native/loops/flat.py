@@ -17,7 +17,7 @@ from sigmax.native.structure import CALLS, algebra_written_out, body_of
 _PASSES = 64
 
 
-class Call(NamedTuple):
+class FlatCall(NamedTuple):
     """An equation; what it reads is a number of a value, or known."""
 
     equation: Any
@@ -26,17 +26,17 @@ class Call(NamedTuple):
     label: str
 
 
-class Flat(NamedTuple):
+class FlatTrace(NamedTuple):
     """Equations in an order in which each comes after what it reads."""
 
     inputs: tuple[int, ...]
-    calls: tuple[Call, ...]
+    calls: tuple[FlatCall, ...]
     outputs: tuple[Any, ...]
 
 
-def flat(closed: ClosedJaxpr) -> Flat:
+def flat(closed: ClosedJaxpr) -> FlatTrace:
     """A closed jaxpr with the calls of other functions written out, and loops that are short."""
-    numbers, calls = count(), list[Call]()
+    numbers, calls = count(), list[FlatCall]()
 
     def through(body: ClosedJaxpr, arguments: Sequence[Any], label: str) -> list[Any]:
         jaxpr = body.jaxpr
@@ -60,16 +60,16 @@ def flat(closed: ClosedJaxpr) -> Flat:
                 made = through(algebra_written_out(equation), given, own)
             else:
                 made = [next(numbers) for _ in equation.outvars]
-                calls.append(Call(equation, tuple(given), tuple(made), own))
+                calls.append(FlatCall(equation, tuple(given), tuple(made), own))
             known |= zip(equation.outvars, made, strict=True)
         return [read(v) for v in jaxpr.outvars]
 
     inputs = tuple(next(numbers) for _ in closed.jaxpr.invars)
     outputs = through(closed, inputs, "")
-    return Flat(inputs, _needed(calls, outputs), tuple(outputs))
+    return FlatTrace(inputs, _needed(calls, outputs), tuple(outputs))
 
 
-def _needed(calls: Sequence[Call], outputs: Sequence[Any]) -> tuple[Call, ...]:
+def _needed(calls: Sequence[FlatCall], outputs: Sequence[Any]) -> tuple[FlatCall, ...]:
     wanted = {o for o in outputs if isinstance(o, int)}
     kept = []
     for call in reversed(calls):

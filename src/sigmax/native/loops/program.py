@@ -7,7 +7,7 @@ import numpy as np
 
 from sigmax.native.graph import Array, Graph, boxed
 from sigmax.native.loops import algebra, islands, moves, products  # noqa: F401, rules register themselves
-from sigmax.native.loops.flat import Call, Flat
+from sigmax.native.loops.flat import FlatCall, FlatTrace
 from sigmax.native.loops.moves import filled
 from sigmax.native.loops.text import HEAD, Lines, Text
 from sigmax.native.loops.views import Buffer, View, walk
@@ -35,7 +35,7 @@ def loops_in(source: str) -> bool:
 
 
 def written(
-    traced: Flat,
+    traced: FlatTrace,
     arrays: Sequence[Array],
     groups: Sequence[str],
     made: Callable[[list[Array]], Mapping[str, Sequence[Node]]],
@@ -129,13 +129,13 @@ def _argument(nodes: Array, buffers: Mapping[str, Buffer]) -> Value:
 
 
 def _sorted(
-    calls: Sequence[Call], fixed: Mapping[int, Value], values: Mapping[int, Value], writer: Writer
-) -> tuple[list[Call], list[Call], dict[int, Value]]:
+    calls: Sequence[FlatCall], fixed: Mapping[int, Value], values: Mapping[int, Value], writer: Writer
+) -> tuple[list[FlatCall], list[FlatCall], dict[int, Value]]:
     """Calls that read nothing but what stays the same over all steps, the others, and what is known at once."""
     known = {i: v for i, v in values.items() if isinstance(v, np.ndarray)}
     same = set(fixed)
-    of_setup: list[Call] = []
-    of_step: list[Call] = []
+    of_setup: list[FlatCall] = []
+    of_step: list[FlatCall] = []
     for call in calls:
         inputs = _numbers(call.inputs)
         if all(i in known for i in inputs):

@@ -8,7 +8,7 @@ import numpy as np
 from sigmax.native.elementwise import EACH, SAME
 from sigmax.native.graph import Graph
 from sigmax.native.interpret import RULES, apply_rule
-from sigmax.native.loops.flat import Call
+from sigmax.native.loops.flat import FlatCall
 from sigmax.native.loops.groups import Element, Group
 from sigmax.native.loops.text import Lines, lies_row_by_row
 from sigmax.native.loops.views import View
@@ -42,7 +42,7 @@ class Writer:
         self.lines, self.dtype, self.label = lines, dtype, ""
         self._groups: dict[tuple[int, ...], Group] = {}
 
-    def run(self, calls: Sequence[Call], values: dict[int, Value], wanted: Sequence[Any]) -> None:
+    def run(self, calls: Sequence[FlatCall], values: dict[int, Value], wanted: Sequence[Any]) -> None:
         """Write calls; `values` holds what is there and, in the end, what is wanted.
 
         Raises:

@@ -12,7 +12,8 @@ from sigmax.reports.comparison.page import page
 from sigmax.reports.comparison.pictures import pictures
 from sigmax.reports.comparison.standing import Standing, standings
 from sigmax.reports.comparison.verdict import facet, verdict
-from sigmax.reports.folder import versions, write_json
+from sigmax.reports.document import versions
+from sigmax.reports.folder import write_json
 from sigmax.reports.replaced import replaced
 from sigmax.studies import Comparison, Figure, Measures
 from sigmax.studies.progress import FILE

@@ -33,9 +33,9 @@ from sigmax.reports.document import (
     settings,
     small,
     table,
+    versions,
 )
 from sigmax.reports.figures.draw import Figure
-from sigmax.reports.folder import versions
 from sigmax.reports.verdict import significant
 from sigmax.studies import Comparison, Measures
 from sigmax.studies.sums import LOST

@@ -2,7 +2,7 @@
 
 from sigmax.reports.figures.components import component_figure
 from sigmax.reports.figures.draw import Figure, Shown, colour, limit, shown_in
-from sigmax.reports.figures.examined import examined_figures
+from sigmax.reports.figures.examination import examination_figures
 from sigmax.reports.figures.modes import modes_figure
 from sigmax.reports.figures.nis import nis_figure
 from sigmax.reports.figures.path import path_figure
@@ -13,7 +13,7 @@ __all__ = [
     "Shown",
     "colour",
     "component_figure",
-    "examined_figures",
+    "examination_figures",
     "limit",
     "modes_figure",
     "nis_figure",

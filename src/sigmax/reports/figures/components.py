@@ -3,15 +3,15 @@
 import numpy as np
 
 from sigmax.records import Outcome, Record
+from sigmax.reports.component_estimates import component_estimates
 from sigmax.reports.figures.draw import INK, Figure, colour, pale, plain, result_of, safe, shown_in, time_title, times
-from sigmax.reports.told import told
 from sigmax.views.thin import thin
 
 
 def component_figure(record: Record, outcome: Outcome, track: int, index: int, points: int) -> Figure:
     """Each component over time for one filter and track: its error where there is truth, else itself, with ±2σ."""
     result, T = result_of(outcome), int(record.steps[track])
-    rows = list(told(record, result))
+    rows = list(component_estimates(record, result))
     n = len(rows)
     gap = 0.045
     height = (1 - gap * (n - 1)) / n

@@ -7,7 +7,7 @@ from scipy.special import chdtri
 
 from sigmax.records import Record
 from sigmax.reports.figures.draw import MUTED, Figure, Shown, colour, limit, line, moments, plain, result_of, time_title
-from sigmax.reports.weighed import judged_nis
+from sigmax.reports.weight_counts import judged_nis
 from sigmax.views.thin import stride, thin
 
 

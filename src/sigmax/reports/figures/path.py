@@ -6,6 +6,7 @@ import numpy as np
 
 from sigmax.files.frame import Placed
 from sigmax.records import Backdrop, Record
+from sigmax.reports.component_estimates import row_of
 from sigmax.reports.figures.draw import (
     INK,
     MUTED,
@@ -22,7 +23,6 @@ from sigmax.reports.figures.draw import (
     result_of,
     safe,
 )
-from sigmax.reports.told import row_of
 from sigmax.running import Result
 from sigmax.spaces import in_world_axes
 from sigmax.views.thin import stride

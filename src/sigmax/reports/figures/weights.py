@@ -6,7 +6,7 @@ import numpy as np
 
 from sigmax.records import Record
 from sigmax.reports.figures.draw import Figure, Shown, colour, limit, line, moments, result_of, time_title
-from sigmax.reports.weighed import least_weights
+from sigmax.reports.weight_counts import least_weights
 from sigmax.views.thin import thin
 
 

@@ -11,7 +11,7 @@ from sigmax.running import Result
 from sigmax.spaces import Space, in_world_axes, readable
 
 
-class Told(NamedTuple):
+class ComponentEstimate(NamedTuple):
     """One component over all tracks.
 
     Attributes:
@@ -33,7 +33,7 @@ class Told(NamedTuple):
     angular: bool
 
 
-def told(record: Record, result: Result) -> Iterator[Told]:
+def component_estimates(record: Record, result: Result) -> Iterator[ComponentEstimate]:
     """The components of the state, and behind them those of the bias."""
     space, unknown = record.model.space, np.full(record.time.shape, np.nan)
     n, mean, truth = space.dim, readable(space, result.mean), readable(space, record.truth)
@@ -50,11 +50,11 @@ def told(record: Record, result: Result) -> Iterator[Told]:
             own = (mean[..., i], deviation[..., i], truth[..., i], error[..., i], turning[i])
         else:
             own = (result.bias_mean[..., i - n], result.bias_std[..., i - n], unknown, unknown, False)
-        yield Told(str(name), dimension, *own)
+        yield ComponentEstimate(str(name), dimension, *own)
 
 
 def row_of(record: Record, place: int) -> int:
-    """Which component a number of the state is, of those that `told` tells of."""
+    """Which component a number of the state is, of those of `component_estimates`."""
     return list(record.model.deviations).index(record.model.state[place])
 
 

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-import sigmax
 from sigmax.records import Trial
 from sigmax.records.plots import PlotRecord
 from sigmax.tracking import Cycle, Quality, Scan, SensorHealth, Told, health, quality
@@ -24,7 +23,7 @@ class Loss(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Followed:
+class TrackingOutcome:
     """A run of the tracker over a record of plots.
 
     Attributes:
@@ -121,7 +120,7 @@ def _places(locate: Locate, scan: Scan) -> np.ndarray:
     return locate(z[np.isfinite(z).all(1)], scan.u).position
 
 
-def summary_of(run: Followed, versions: dict[str, str]) -> dict[str, Any]:
+def summary_of(run: TrackingOutcome, versions: dict[str, str]) -> dict[str, Any]:
     """The content of summary.json; null where there is no truth."""
     q, record = run.quality, run.record
     known = bool(record.truth)
@@ -156,5 +155,5 @@ def summary_of(run: Followed, versions: dict[str, str]) -> dict[str, Any]:
         "source": record.source,
         "licence": record.licence,
         "notes": list(record.notes),
-        "versions": {"sigmax": sigmax.__version__, **versions},
+        "versions": versions,
     }

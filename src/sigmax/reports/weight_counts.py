@@ -13,7 +13,7 @@ from sigmax.running import Result
 _HALF = 0.5
 
 
-class Weighed(NamedTuple):
+class WeightCounts(NamedTuple):
     """The measurements of one sensor by the weight that they had; of the smallest weight of their components.
 
     Attributes:
@@ -64,9 +64,11 @@ def judged_nis(result: Result) -> np.ndarray:
     return np.where(np.isnan(nis), np.nan, squares)
 
 
-def weighed(least: Mapping[str, np.ndarray]) -> dict[str, Weighed]:
+def weight_counts(least: Mapping[str, np.ndarray]) -> dict[str, WeightCounts]:
     """Counts by sensor, by `least_weights`; of sensors whose update weighs nothing there are none."""
     return {
-        sensor: Weighed(int(np.isfinite(w).sum()), int(((w > 0) & (w < _HALF)).sum()), int(np.count_nonzero(w == 0)))
+        sensor: WeightCounts(
+            int(np.isfinite(w).sum()), int(((w > 0) & (w < _HALF)).sum()), int(np.count_nonzero(w == 0))
+        )
         for sensor, w in least.items()
     }

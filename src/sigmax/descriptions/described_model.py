@@ -29,7 +29,7 @@ class Input(NamedTuple):
         return own if self.sensor is None else f"{self.sensor}.{own}"
 
 
-class Built(NamedTuple):
+class DescribedModel(NamedTuple):
     """A model with what the edges know of it."""
 
     model: Model

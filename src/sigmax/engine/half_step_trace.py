@@ -18,7 +18,7 @@ LONGEST = 25_000
 _LONGEST_CHOSEN = 160_000
 
 
-class Traced(NamedTuple):
+class HalfStepTrace(NamedTuple):
     """A half-step that was traced.
 
     Attributes:

@@ -6,11 +6,11 @@ from typing import NamedTuple
 from sigmax.examination import Examination, Finding
 from sigmax.records import Record
 from sigmax.reports.document import place, section, table
-from sigmax.reports.figures import Figure, examined_figures
+from sigmax.reports.figures import Figure, examination_figures
 from sigmax.reports.verdict import significant
 
 
-class Examined(NamedTuple):
+class TrackExamination(NamedTuple):
     """What the doctor said of one track of a record, and by which filter."""
 
     track: int
@@ -18,7 +18,7 @@ class Examined(NamedTuple):
     examination: Examination
 
 
-def examined_section(record: Record, examined: Examined | None, figures: dict[str, Figure]) -> list[str]:
+def examination_section(record: Record, examined: TrackExamination | None, figures: dict[str, Figure]) -> list[str]:
     """The section, none where nothing was examined; its figures are added to those of the page."""
     if examined is None:
         return []
@@ -33,7 +33,7 @@ def examined_section(record: Record, examined: Examined | None, figures: dict[st
         return [section("What is wrong with the model", said, "")]
     body = table(("cause", "size", "evidence", "what mends it"), [_row(f) for f in found.findings])
     if found.evidence is not None:
-        figures["examined/nis"], figures["examined/residual"], window = examined_figures(
+        figures["examined/nis"], figures["examined/residual"], window = examination_figures(
             record, examined.track, found.evidence
         )
         about += f". Below: NIS over the last {window} steps, and the innovations that gave the first cause away"

@@ -19,7 +19,7 @@ from sigmax.steps.step import Innovation
 _SHORT = 1e-3
 
 
-class Heard(NamedTuple):
+class Observation(NamedTuple):
     """A measurement as the engine takes it.
 
     Attributes:
@@ -36,18 +36,18 @@ class Heard(NamedTuple):
     u: np.ndarray | None = None
     fused: Fused | None = None
 
-    def unheard(self, model: Model) -> Innovation:
+    def missing(self, model: Model) -> Innovation:
         """What a measurement says that is not taken: what a missing one would."""
         dim, tracks, kind = model.measured_space(self.sensor, self.z.shape[-1]).dim, self.z.shape[:-1], self.z.dtype
         missing, none = np.full((*tracks, dim), np.nan, kind), np.zeros(tracks, kind)
         return Innovation(missing, np.zeros((*tracks, dim, dim), kind), missing.sum(-1), none, none.astype(int))
 
-    def told(self, said: Innovation) -> Innovation:
+    def with_members(self, said: Innovation) -> Innovation:
         """What it said, as of all sensors that were fused."""
         return said if self.fused is None else with_members_live(said, self.fused)
 
 
-class Given:
+class LiveArguments:
     """Measurements, noises and inputs of one live filter.
 
     Args:
@@ -116,19 +116,19 @@ class Given:
         """Whether sensors are fused."""
         return self._members is not None
 
-    def heard(self, z: Any, sensor: str | None, R: Any, u: Any, moved: bool) -> Heard:
+    def observation(self, z: Any, sensor: str | None, R: Any, u: Any, moved: bool) -> Observation:
         """A measurement with its noise and inputs; `moved`: the motion before it takes the inputs, too."""
         if self._members is not None:
             if moved and u is None and self._asked.motion_driven:
                 raise InputError("the motion takes inputs; give u=")
             return self.together(self._members.together(z, sensor, R, u, self._tracks), moved)
         name, value = self.measurement(z, sensor)
-        return Heard(name, value, self.noise(name, R), self.inputs(u, "motion" if moved else "sensor", name))
+        return Observation(name, value, self.noise(name, R), self.inputs(u, "motion" if moved else "sensor", name))
 
-    def together(self, fused: Fused, moved: bool = False) -> Heard:
+    def together(self, fused: Fused, moved: bool = False) -> Observation:
         """What fused sensors made of their measurements."""
         name, value = self.measurement(fused.z, next(iter(self._model.sensors)))
-        return Heard(name, value, None, self.inputs(fused.u, "motion" if moved else "sensor", name), fused)
+        return Observation(name, value, None, self.inputs(fused.u, "motion" if moved else "sensor", name), fused)
 
     def moving(self, u: Any) -> np.ndarray | None:
         """The inputs of a motion that nothing is measured after."""

@@ -25,7 +25,7 @@ _BY_IDENTITY = (types.BuiltinFunctionType, np.ufunc, np.dtype, jax.Array, types.
 _LOOPS = {"fori_loop", "while_loop", "scan", "map", "associative_scan", "cond", "switch", "checkpoint", "remat"}
 
 
-class Reading(NamedTuple):
+class Environment(NamedTuple):
     """What was read.
 
     Attributes:
@@ -46,12 +46,12 @@ class Reading(NamedTuple):
         return self.places[-1].seen
 
 
-def read(thing: Any) -> Reading:
+def read(thing: Any) -> Environment:
     """All that a function or an object can see of what may change: globals, closures, attributes, contents.
 
     What belongs to a library, and what cannot be looked into, is known by its identity.
     """
-    found = Reading([], [], {}, [])
+    found = Environment([], [], {}, [])
     _walk(thing, found, set())
     return found
 
@@ -87,7 +87,7 @@ def _is_library(name: str) -> bool:
     return file is None or file.startswith(_LIBRARIES)
 
 
-def _walk(thing: Any, found: Reading, seen: set[int]) -> None:
+def _walk(thing: Any, found: Environment, seen: set[int]) -> None:
     kind = type(thing)
     if kind in _PLAIN:
         # 0.0 == -0.0 and NaN is not itself, 1 == 1.0 == True.
@@ -124,7 +124,7 @@ def _walk(thing: Any, found: Reading, seen: set[int]) -> None:
         _object(thing, found, seen)
 
 
-def _array(thing: np.ndarray, found: Reading, seen: set[int]) -> None:
+def _array(thing: np.ndarray, found: Environment, seen: set[int]) -> None:
     if thing.dtype.hasobject:
         found.values.append((thing.dtype.str, thing.shape))
         for item in found.look(places.items, thing):
@@ -133,7 +133,7 @@ def _array(thing: np.ndarray, found: Reading, seen: set[int]) -> None:
         found.values.append(found.look(places.content, thing))
 
 
-def _function(function: types.FunctionType, found: Reading, seen: set[int]) -> None:
+def _function(function: types.FunctionType, found: Environment, seen: set[int]) -> None:
     found.look(places.of_function, function)
     code = function.__code__
     about = _about(code)
@@ -168,7 +168,7 @@ def _function(function: types.FunctionType, found: Reading, seen: set[int]) -> N
             _module(module, about, found, seen)
 
 
-def _module(module: types.ModuleType, about: _Code, found: Reading, seen: set[int]) -> None:
+def _module(module: types.ModuleType, about: _Code, found: Environment, seen: set[int]) -> None:
     """What is read of a module: what is named; of a library's, whether it is the same thing."""
     there, library = vars(module), _is_library(module.__name__)
     found.look(about.named, there)
@@ -186,7 +186,7 @@ def _module(module: types.ModuleType, about: _Code, found: Reading, seen: set[in
             _module(value, about, found, seen)
 
 
-def _class(thing: type, found: Reading, seen: set[int]) -> None:
+def _class(thing: type, found: Environment, seen: set[int]) -> None:
     for base in found.look(places.bases, thing):
         if _is_library(base.__module__):
             continue
@@ -196,7 +196,7 @@ def _class(thing: type, found: Reading, seen: set[int]) -> None:
                 _walk(value, found, seen)
 
 
-def _object(thing: Any, found: Reading, seen: set[int]) -> None:
+def _object(thing: Any, found: Environment, seen: set[int]) -> None:
     kind = type(thing)
     found.look(places.of_object, thing)
     if isinstance(thing, dict | types.MappingProxyType):
@@ -235,19 +235,19 @@ def _object(thing: Any, found: Reading, seen: set[int]) -> None:
                 _walk(value, found, seen)
 
 
-def _attributes(there: dict[str, Any], found: Reading, seen: set[int]) -> None:
+def _attributes(there: dict[str, Any], found: Environment, seen: set[int]) -> None:
     for name, value in there.items():
         if name not in FOR_READERS:
             found.values.append(name)
             _walk(value, found, seen)
 
 
-def _within(thing: Any, found: Reading) -> None:
+def _within(thing: Any, found: Environment) -> None:
     """What a function reads that JAX remembers."""
     if id(thing) in found.within:
         return
     found.within[id(thing)] = thing, []
-    own = Reading([], found.kept, found.within, found.places)
+    own = Environment([], found.kept, found.within, found.places)
     inside: set[int] = set()
     if isinstance(thing, types.FunctionType):
         # By itself, not by way of its loops.

@@ -8,7 +8,7 @@ from sigmax.reports.figures.draw import MUTED, Figure, colour, limit, line, time
 from sigmax.views.thin import thin
 
 
-def examined_figures(record: Record, track: int, evidence: Evidence) -> tuple[Figure, Figure, int]:
+def examination_figures(record: Record, track: int, evidence: Evidence) -> tuple[Figure, Figure, int]:
     """NIS over a moving window, the residuals, and how many steps the window has."""
     heard = np.flatnonzero(evidence.dof > 0)
     window = max(len(heard) // 40, min(10, len(heard)))

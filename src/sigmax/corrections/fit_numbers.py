@@ -19,7 +19,7 @@ from sigmax.records.load import load, load_plots
 from sigmax.records.record import Record
 
 
-class Refit(NamedTuple):
+class RecordFit(NamedTuple):
     """What was fitted.
 
     Attributes:
@@ -35,7 +35,7 @@ class Refit(NamedTuple):
     trial: Trial
 
 
-def refit(
+def fit_numbers(
     names: Sequence[str],
     free: Sequence[str],
     *,
@@ -43,7 +43,7 @@ def refit(
     hold_out: float = 0.0,
     by_em: bool = False,
     progress: Callable[[str], Any] | None = None,
-) -> Refit:
+) -> RecordFit:
     """Fit numbers of one or several records, which share them.
 
     Args:
@@ -89,7 +89,7 @@ def refit(
         begin=_starts(records[0], chosen, numbers, progress) if by_em else None,
         progress=progress,
     )
-    return Refit(found, tuple(numbers), tuple(records), trial)
+    return RecordFit(found, tuple(numbers), tuple(records), trial)
 
 
 def _starts(
@@ -104,7 +104,7 @@ def _starts(
         raise InputError("--em starts factors of noises: free Q or R, or leave it out")
     if progress is not None:
         progress("expectation and maximisation")
-    filter, model, prior = record.told(trial)
+    filter, model, prior = record.of_trial(trial)
     found = em(
         filter, model, prior, record.z, dt=record.dt, inputs=record.inputs, update_first=record.update_first, steps=20
     )
@@ -133,7 +133,7 @@ def _given(record: Record, path: Path | None, wanted: Any, trial: Trial) -> tupl
     def told(model: Model) -> tuple[Model, Gaussian]:
         if not plain.fixed:
             return model, record.prior
-        return replace(record, model=model).told(plain)[1:]
+        return replace(record, model=model).of_trial(plain)[1:]
 
     inputs = record.inputs
     given = {
