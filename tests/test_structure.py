@@ -95,6 +95,11 @@ def test_files_can_be_read_at_a_sitting(path):
     assert len(path.read_text().splitlines()) <= 260
 
 
+@pytest.mark.parametrize("folder", sorted({f.parent for f in FILES}), ids=lambda p: str(p.relative_to(SOURCE)))
+def test_folders_can_be_overlooked(folder):
+    assert sum(f.stem != "__init__" for f in folder.glob("*.py")) <= 20
+
+
 @pytest.mark.parametrize("name", [n for n in sigmax.__all__ if not inspect.ismodule(getattr(sigmax, n))])
 def test_every_public_name_says_what_it_is(name):
     assert len((getattr(sigmax, name).__doc__ or "").strip()) > 20

@@ -11,7 +11,8 @@ import sigmax
 from sigmax.dependence import reading
 from sigmax.engine.lowered import lowered
 from sigmax.engine.vectorized import vectorized
-from sigmax.native import Defect, Graph, Refused, evaluate, interpret, refusal
+from sigmax.native import Defect, Graph, Refused, evaluate, refusal
+from sigmax.native.primitives import interpret
 from sigmax.preparation.prepare import cast
 
 PRIOR = sigmax.Gaussian([0.3, 1.0], np.eye(2))

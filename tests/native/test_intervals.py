@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sigmax.native import Graph, evaluate
-from sigmax.native.intervals import interval
+from sigmax.native.primitives.intervals import interval
 
 jax.config.update("jax_enable_x64", True)
 N = 3

@@ -12,10 +12,10 @@ from sigmax.algebra.kernel import kernels
 from sigmax.dependence.line import Call, Line, straightened
 from sigmax.native import Defect, Graph, Refused
 from sigmax.native.graph import Array, array_of, boxed, numbers_of
-from sigmax.native.interpret import apply_rule
 from sigmax.native.node import Node
 from sigmax.native.operations import OPERATIONS
 from sigmax.native.pieces import needed
+from sigmax.native.primitives.interpret import apply_rule
 from sigmax.native.refusal import say_once
 
 # Scalar operations in units of a multiplication.

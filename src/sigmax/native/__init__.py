@@ -3,12 +3,11 @@
 Nothing here knows what a filter is.
 """
 
-from sigmax.native import elementwise, indexing, integer_rules, integer_types, linear_algebra, structure
 from sigmax.native.build import Unavailable
 from sigmax.native.graph import Graph
-from sigmax.native.interpret import evaluate
 from sigmax.native.machine import compiler
 from sigmax.native.pieces import Program
+from sigmax.native.primitives.interpret import evaluate
 from sigmax.native.refusal import Defect, Refused
 
 __all__ = [
@@ -18,11 +17,5 @@ __all__ = [
     "Refused",
     "Unavailable",
     "compiler",
-    "elementwise",
     "evaluate",
-    "indexing",
-    "integer_rules",
-    "integer_types",
-    "linear_algebra",
-    "structure",
 ]

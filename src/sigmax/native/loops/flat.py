@@ -9,9 +9,9 @@ import jax
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 
 from sigmax.native.graph import numbers_of
-from sigmax.native.interpret import RULES, dtype_of
-from sigmax.native.kernels import KERNELS
-from sigmax.native.structure import CALLS, algebra_written_out, body_of
+from sigmax.native.primitives.interpret import RULES, dtype_of
+from sigmax.native.primitives.kernels import KERNELS
+from sigmax.native.primitives.structure import CALLS, algebra_written_out, body_of
 
 # A loop of known length is written out up to so many passes.
 _PASSES = 64

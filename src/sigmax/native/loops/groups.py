@@ -9,13 +9,13 @@ import numpy as np
 
 from sigmax.native.emit import constant
 from sigmax.native.graph import Graph, boxed
-from sigmax.native.integers import bounded
-from sigmax.native.interpret import apply_rule
-from sigmax.native.intervals import interval
 from sigmax.native.loops.text import Lines
 from sigmax.native.loops.views import View, Walk, fused, known_walk, walk
 from sigmax.native.node import Node
 from sigmax.native.pieces import needed
+from sigmax.native.primitives.integers import bounded
+from sigmax.native.primitives.interpret import apply_rule
+from sigmax.native.primitives.intervals import interval
 
 
 class Element:

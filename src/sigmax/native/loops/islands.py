@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from sigmax.native.graph import Array, Graph, boxed
-from sigmax.native.integers import bounded
-from sigmax.native.interpret import apply_rule
-from sigmax.native.intervals import interval
 from sigmax.native.loops.views import View
 from sigmax.native.loops.writer import Value, Writer, writes
 from sigmax.native.pieces import Program
+from sigmax.native.primitives.integers import bounded
+from sigmax.native.primitives.interpret import apply_rule
+from sigmax.native.primitives.intervals import interval
 from sigmax.native.refusal import Refused
 
 _MOST = 50_000

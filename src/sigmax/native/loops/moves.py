@@ -6,10 +6,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from sigmax.native.interpret import RULES
 from sigmax.native.loops.groups import Element
 from sigmax.native.loops.views import View
 from sigmax.native.loops.writer import Value, Writer, moved, writes
+from sigmax.native.primitives.interpret import RULES
 
 
 @writes("concatenate", "stack")

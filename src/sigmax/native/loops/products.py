@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.native.elementwise import REDUCED_TRUTH, REDUCTIONS
 from sigmax.native.emit import literal
 from sigmax.native.loops.text import over
 from sigmax.native.loops.views import View, walk
 from sigmax.native.loops.writer import Value, Writer, moved, writes
 from sigmax.native.operations import OPERATIONS
+from sigmax.native.primitives.elementwise import REDUCED_TRUTH, REDUCTIONS
 
 
 @writes(*REDUCTIONS)

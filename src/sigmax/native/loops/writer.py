@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.native.elementwise import EACH, SAME
 from sigmax.native.graph import Graph
-from sigmax.native.interpret import RULES, apply_rule
 from sigmax.native.loops.flat import FlatCall
 from sigmax.native.loops.groups import Element, Group
 from sigmax.native.loops.text import Lines, lies_row_by_row
 from sigmax.native.loops.views import View
+from sigmax.native.primitives.elementwise import EACH, SAME
+from sigmax.native.primitives.interpret import RULES, apply_rule
 from sigmax.native.refusal import Refused, line_of
 
 # A value: known numbers, an array that lies somewhere, or one that a loop is going to make.

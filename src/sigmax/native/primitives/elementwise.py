@@ -9,8 +9,8 @@ import jax
 import numpy as np
 
 from sigmax.native.graph import Array, Graph, boxed
-from sigmax.native.interpret import rule
 from sigmax.native.operations import OPERATIONS
+from sigmax.native.primitives.interpret import rule
 from sigmax.native.refusal import Refused
 
 # Primitives by the operation they are, of numbers of any type.

@@ -9,8 +9,8 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr
 
 from sigmax.native.graph import Array, Graph, boxed
-from sigmax.native.interpret import evaluate, evaluate_closed, rule
-from sigmax.native.kernels import KERNELS
+from sigmax.native.primitives.interpret import evaluate, evaluate_closed, rule
+from sigmax.native.primitives.kernels import KERNELS
 from sigmax.native.refusal import Refused
 
 _LONGEST_LOOP = 10_000

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.native.elementwise import each
 from sigmax.native.graph import Array, Graph
-from sigmax.native.interpret import rule
+from sigmax.native.primitives.elementwise import each
+from sigmax.native.primitives.interpret import rule
 
 
 @rule("cholesky", integers=False)

@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.native.elementwise import (
+from sigmax.native.graph import Array, Graph, boxed
+from sigmax.native.node import Node
+from sigmax.native.primitives.elementwise import (
     ARITHMETIC,
     COMPARED,
     RUNNING,
@@ -17,8 +19,7 @@ from sigmax.native.elementwise import (
     reduced,
     running,
 )
-from sigmax.native.graph import Array, Graph, boxed
-from sigmax.native.integers import (
+from sigmax.native.primitives.integers import (
     bounded,
     check_exact,
     combining,
@@ -29,9 +30,8 @@ from sigmax.native.integers import (
     is_nearest,
     limits,
 )
-from sigmax.native.interpret import rule
-from sigmax.native.intervals import interval
-from sigmax.native.node import Node
+from sigmax.native.primitives.interpret import rule
+from sigmax.native.primitives.intervals import interval
 from sigmax.native.refusal import Refused
 
 

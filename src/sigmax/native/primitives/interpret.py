@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
-from sigmax.native.folding import folded
 from sigmax.native.graph import Array, Graph, boxed, numbers_of
+from sigmax.native.primitives.folding import folded
 from sigmax.native.refusal import Defect, Refused, defects_raised, line_of
 
 # A rule takes the graph, the equation and its arguments, and gives an array or a list of them.

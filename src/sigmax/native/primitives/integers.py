@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from sigmax.native.graph import Array, Graph
-from sigmax.native.intervals import interval
 from sigmax.native.node import Node
+from sigmax.native.primitives.intervals import interval
 from sigmax.native.refusal import Refused
 
 # Numbers up to this vanish beside the limits of the widest types.

@@ -9,9 +9,9 @@ import jax
 import numpy as np
 
 from sigmax.native.graph import Array, Graph
-from sigmax.native.integers import Binary, combining, compared
-from sigmax.native.interpret import rule
 from sigmax.native.node import Node
+from sigmax.native.primitives.integers import Binary, combining, compared
+from sigmax.native.primitives.interpret import rule
 from sigmax.native.refusal import Refused
 
 # More places than these are not chosen among one by one.

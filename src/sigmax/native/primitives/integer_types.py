@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from sigmax.native.elementwise import as_numbers
 from sigmax.native.graph import Array, Graph
-from sigmax.native.integers import arithmetic, bounded, compared, exact, held, is_nearest, limits
-from sigmax.native.interpret import rule
-from sigmax.native.intervals import interval
 from sigmax.native.node import Node
+from sigmax.native.primitives.elementwise import as_numbers
+from sigmax.native.primitives.integers import arithmetic, bounded, compared, exact, held, is_nearest, limits
+from sigmax.native.primitives.interpret import rule
+from sigmax.native.primitives.intervals import interval
 from sigmax.native.refusal import Refused
 
 
