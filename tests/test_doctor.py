@@ -261,6 +261,10 @@ def test_coarse_values_are_neither_stuck_nor_copies():
     assert found.size == 2
     assert found.extra == pytest.approx(4 / 12)
     assert copies(v[:, None]) is None
+    heard = np.repeat(rng.normal(size=(60, 1)), 2, 0)[:80]
+    heard[::2] = np.nan  # another sensor is heard in these rows
+    heard[[7, 41]] = heard[[5, 39]]
+    np.testing.assert_array_equal(np.flatnonzero(copies(heard).rows), [7, 41])
     assert flaw(rng.normal(size=300), 1.0) is None
 
 

@@ -65,13 +65,16 @@ def _step(distinct: np.ndarray, count: int) -> float:
 
 def copies(z: np.ndarray) -> Flaw | None:
     """Whether rows (T, M) repeat the one before, in values that are not coarse."""
-    heard = np.isfinite(z)
+    heard, T = np.isfinite(z), len(z)
     for j in range(z.shape[1]):
         v = z[heard[:, j], j]
         if len(np.unique(v)) < 0.5 * len(v):
             return None
-    same = (np.where(heard, z, 0.0)[1:] == np.where(heard, z, 0.0)[:-1]) & (heard[1:] == heard[:-1])
-    rows = np.concatenate([[False], same.all(1) & heard[1:].any(1)])
+    at = np.flatnonzero(heard.any(1))  # other sensors may be heard between two rows
+    v, there = np.where(heard, z, 0.0)[at], heard[at]
+    again = ((v[1:] == v[:-1]) & (there[1:] == there[:-1])).all(1)
+    rows = np.zeros(T, bool)
+    rows[at[1:][again]] = True
     if rows.sum() < 2:
         return None
     return Flaw("copies", float(rows.sum()), int(rows.sum()), int(np.argmax(rows)), 0.0, rows)
