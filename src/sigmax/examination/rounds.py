@@ -161,7 +161,7 @@ class Rounds:
                 out[:, at - len(own) : at] |= twice.rows[:, None]
                 said = (
                     "rows are copies of the one before",
-                    f"{twice.concerned} of {len(z)}, the first is row {twice.first}",
+                    f"{twice.concerned} of {np.isfinite(z).any(1).sum()}, the first is row {twice.first}",
                     "leave them out: NaN",
                 )  # fmt: skip
                 found.append(Finding("copies", s or "rows", *said, twice.size, np.nan, twice.concerned, nis, nis))
