@@ -113,45 +113,47 @@ def _components(model: Model) -> list[tuple[str, str]]:
 def _moments(one: Likelihood) -> Callable[[np.ndarray], np.ndarray]:
     """A function of parameters (p,): those of the next step."""
     ready, search = one.ready, one.search
-    family = one.family()
+    parametric = one.parametric_model()
     T, B = one.steps, one.tracks
     own = np.zeros((B, T, 0)) if ready.u is None else np.broadcast_to(ready.u, (B, T, ready.u.shape[-1]))
     dt = np.broadcast_to(ready.dt, (B, T))
     z = {s: np.broadcast_to(v, (B, T, v.shape[-1])) for s, v in ready.z.items()}
-    whole = Gaussian(np.broadcast_to(ready.mean, (B, family.size)), np.broadcast_to(ready.cov, (B, *[family.dim] * 2)))
+    whole = Gaussian(
+        np.broadcast_to(ready.mean, (B, parametric.size)), np.broadcast_to(ready.cov, (B, *[parametric.dim] * 2))
+    )
 
     @jax.jit
     def of_motion(later: Any, Ps: Any, before: Any, P0s: Any, at: Any, P: Any, step: Any, u: Any) -> Any:
-        F = jax.jacfwd(family.motion)(at, step, u)
-        Q = jnp.asarray(family.Q(at, step, u))
+        F = jax.jacfwd(parametric.motion)(at, step, u)
+        Q = jnp.asarray(parametric.Q(at, step, u))
         Q = jnp.diag(Q) if Q.ndim == 1 else Q
         G = P @ F.T @ jnp.linalg.pinv(F @ P @ F.T + Q, hermitian=True)
         C = Ps @ G.T
-        w = wrap(later - family.motion(before, step, u), family.angular)
-        Fs = jax.jacfwd(family.motion)(before, step, u)
+        w = wrap(later - parametric.motion(before, step, u), parametric.angular)
+        Fs = jax.jacfwd(parametric.motion)(before, step, u)
         W = jnp.outer(w, w) + Ps - C @ Fs.T - Fs @ C.T + Fs @ P0s @ Fs.T
         inverse = jnp.linalg.pinv(Q, hermitian=True)
         return jnp.trace(inverse @ W), jnp.trace(inverse @ Q)
 
     def of_sensor(s: str) -> Callable[..., Any]:
-        turns = family.measured_angular(s, z[s].shape[-1])
+        turns = parametric.measured_angular(s, z[s].shape[-1])
 
         def seen(x: Any, P: Any, value: Any, u: Any) -> Any:
-            H = jax.jacfwd(family.sensors[s])(x, u)
-            R = jnp.asarray(family.R[s](x, u))
+            H = jax.jacfwd(parametric.sensors[s])(x, u)
+            R = jnp.asarray(parametric.R[s](x, u))
             R = R if R.ndim == 1 else jnp.diag(R)
-            miss = wrap(value - family.sensors[s](x, u), turns)
+            miss = wrap(value - parametric.sensors[s](x, u), turns)
             return jnp.where(jnp.isnan(value), 0, (miss**2 + jnp.diag(H @ P @ H.T)) / R)
 
         return jax.jit(jax.vmap(jax.vmap(seen)))
 
     moving, hearing = jax.vmap(jax.vmap(of_motion)), {s: of_sensor(s) for s in z}
-    given = z if family.several else next(iter(z.values()))
+    given = z if parametric.several else next(iter(z.values()))
 
     def step(theta: np.ndarray) -> np.ndarray:
         u = np.concatenate([own, np.broadcast_to(theta, (B, T, len(theta)))], -1)
-        done = run(ready.filter, family, whole, given, dt=dt, inputs=u, update_first=one.data.update_first)
-        back = smooth(ready.filter, family, done)
+        done = run(ready.filter, parametric, whole, given, dt=dt, inputs=u, update_first=one.data.update_first)
+        back = smooth(ready.filter, parametric, done)
         x, P, m, C = (np.asarray(a) for a in (done.mean, done.cov, back.mean, back.cov))
         parts = m[:, 1:], C[:, 1:], m[:, :-1], C[:, :-1], x[:, :-1], P[:, :-1], dt[:, 1:], u[:, 1:]
         some, rank = (np.asarray(a) for a in moving(*parts))
@@ -160,7 +162,7 @@ def _moments(one: Likelihood) -> Callable[[np.ndarray], np.ndarray]:
         now["Q"] *= float(some[went].sum() / np.round(rank[went]).sum())
         for s, hear in hearing.items():
             ratio = np.asarray(hear(m, C, z[s], u))
-            names = family.measured_deviations(s) or ()
+            names = parametric.measured_deviations(s) or ()
             for j, name in enumerate(names):
                 now[f"R.{s}.{name}"] *= float(ratio[..., j].sum() / np.isfinite(z[s][..., j]).sum())
         return search.flat(now)

@@ -8,10 +8,10 @@ import numpy as np
 from sigmax.errors import InputError, unknown
 from sigmax.filters import Filter
 from sigmax.fitting.assessment import Begin, judged, with_filter_numbers
-from sigmax.fitting.family import Build
 from sigmax.fitting.lattice import Lattice, Tried, filter_of, names_read
 from sigmax.fitting.likelihood import Data, Likelihoods, first_fault
 from sigmax.fitting.maximum import climb
+from sigmax.fitting.parametric_model import Build
 from sigmax.fitting.result import Fit
 from sigmax.fitting.search import Parameters, search_of
 from sigmax.preparation.prepare import as_filter

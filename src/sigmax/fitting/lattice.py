@@ -12,9 +12,9 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.filters import Filter
-from sigmax.fitting.family import Build
 from sigmax.fitting.likelihood import Data, Likelihoods
 from sigmax.fitting.maximum import Summit, climb
+from sigmax.fitting.parametric_model import Build
 from sigmax.fitting.search import Parameters, Search
 from sigmax.modelling.checks import numbers
 

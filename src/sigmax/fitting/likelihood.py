@@ -13,7 +13,7 @@ from sigmax.algebra.compiling import compiled
 from sigmax.engine import native_engine, xla_engine
 from sigmax.engine.backend import attempt
 from sigmax.filters import Filter
-from sigmax.fitting.family import Build, depends, family_of, model_and_prior
+from sigmax.fitting.parametric_model import Build, depends, model_and_prior, parametric_model_of
 from sigmax.fitting.search import Search
 from sigmax.functions.current import current
 from sigmax.modelling.bias import joint
@@ -73,7 +73,7 @@ class Likelihood:
         self.tracks = self.ready.batch or 1
         self._start = start
         self._moving: bool | None = None
-        self._family: Model | None = None
+        self._parametric: Model | None = None
         self._objective: Callable[..., Any] | None = None
 
     def __call__(self, theta: np.ndarray, until: int | None = None) -> np.ndarray:
@@ -89,27 +89,27 @@ class Likelihood:
 
     @property
     def _width(self) -> int:
-        """Inputs of the family."""
+        """Inputs of the parametric model."""
         return self.search.size + (0 if self.ready.u is None else self.ready.u.shape[-1])
 
-    def family(self) -> Model:
+    def parametric_model(self) -> Model:
         """The model that reads the parameters from its inputs, behind its own.
 
         Raises:
             Refused: where something depends on the parameters that does not read inputs.
         """
-        if self._family is None:
+        if self._parametric is None:
             own = self._width - self.search.size
             noises = self.data.R if isinstance(self.data.R, Mapping) else () if self.data.R is None else ("",)
             known = fingerprint(self.data.build)
-            self._family = family_of(
+            self._parametric = parametric_model_of(
                 current(self.data.build), known, self.search, self.ready.filter, self.ready.model, own, tuple(noises)
             )
-        return self._family
+        return self._parametric
 
     def _natively(self, theta: np.ndarray, T: int) -> np.ndarray:
         ready, asked_for = self.ready, len(theta)
-        family = self.family()
+        parametric = self.parametric_model()
         # One variant alone would be compiled by itself.
         theta = np.concatenate([theta, theta[-1:]]) if asked_for < 2 else theta
         V = len(theta)
@@ -122,7 +122,7 @@ class Likelihood:
         z = {s: v if v.ndim == 2 else np.tile(v, (V, 1, 1)) for s, v in z.items()}
         dt = ready.dt[..., :T]
         asked = ready._replace(
-            model=family, mean=mean, cov=cov, z=z, dt=dt if dt.ndim == 1 else np.tile(dt, (V, 1)),
+            model=parametric, mean=mean, cov=cov, z=z, dt=dt if dt.ndim == 1 else np.tile(dt, (V, 1)),
             u=u.reshape(V * self.tracks, T, -1), inputs=None, batch=V * self.tracks,
         )  # fmt: skip
         total, parts = native_engine.filtered(_KEPT, asked)

@@ -47,8 +47,10 @@ def model_and_prior(build: Build, parameters: Parameters) -> tuple[Model, Gaussi
     return made
 
 
-def family(build: Build, search: Search, filter: Filter, given: Model, own: int, noises: tuple[str, ...]) -> Model:
-    """The family of a build.
+def parametric_model(
+    build: Build, search: Search, filter: Filter, given: Model, own: int, noises: tuple[str, ...]
+) -> Model:
+    """The parametric model of a build.
 
     Args:
         build: parameters -> (model, prior); a function of `current`.
@@ -66,17 +68,17 @@ def family(build: Build, search: Search, filter: Filter, given: Model, own: int,
     def of(theta: Any) -> Model:
         return augment(model_and_prior(build, search.named(theta))[0], first)
 
-    return _family(of, given, own, noises, search.size)
+    return _parametric(of, given, own, noises, search.size)
 
 
-def _family(of: Callable[[Any], Model], given: Model, own: int, noises: tuple[str, ...], p: int) -> Model:
+def _parametric(of: Callable[[Any], Model], given: Model, own: int, noises: tuple[str, ...], p: int) -> Model:
     if given.inside or given.fusion is not None:
         raise Refused("noises inside functions, and fused sensors, take their parameters from XLA alone")
     still = given.domain is not None or given.constraints or isinstance(given, SwitchingModel)
     if still and depends(lambda theta: _fixed(of(theta)), p):
         raise Refused("domain, constraints, modes and transitions take their parameters from XLA alone")
     if isinstance(given, SwitchingModel):
-        models = [_family(_mode(of, i), m, own, noises, p) for i, m in enumerate(given.models)]
+        models = [_parametric(_mode(of, i), m, own, noises, p) for i, m in enumerate(given.models)]
         return given.with_models(models).with_parts(
             motion_inputs=True, sensor_inputs=dict.fromkeys(given.sensors, True), inputs=None
         )
@@ -157,7 +159,7 @@ def depends(function: Callable[[Any], list[Any]], p: int) -> bool:
 
 @dataclass(frozen=True)
 class _Asked:
-    """What a family is made of; the model at the start follows from the build."""
+    """What a parametric model is made of; the model at the start follows from the build."""
 
     build: Build
     known: str | None
@@ -168,10 +170,10 @@ class _Asked:
     given: Model = field(compare=False)
 
 
-def family_of(
+def parametric_model_of(
     build: Build, known: str | None, search: Search, filter: Filter, given: Model, own: int, noises: tuple[str, ...]
 ) -> Model:
-    """The family, the same one for a build of which it is known that it has not changed."""
+    """The parametric model, the same one for a build of which it is known that it has not changed."""
     asked = _Asked(build, known, search, filter, own, noises, given)
     made: Model = (_remembered if known is not None else _remembered.__wrapped__)(asked)
     return made
@@ -179,4 +181,4 @@ def family_of(
 
 @lru_cache(maxsize=64)
 def _remembered(asked: _Asked) -> Model:
-    return family(asked.build, asked.search, asked.filter, asked.given, asked.own, asked.noises)
+    return parametric_model(asked.build, asked.search, asked.filter, asked.given, asked.own, asked.noises)
