@@ -454,6 +454,11 @@ MESSAGES = {
         lambda: sigmax.run("EKF", model(motion=lambda x, dt: None), PRIOR, Z),
         "is a return missing",
     ),
+    "a filter as the command line writes it": (lambda: sigmax.get("UKF:alpha=1"), r"write get\('UKF', alpha=1\)"),
+    "a sensor of complex numbers": (
+        lambda: sigmax.run("EKF", model(sensor=lambda x: x * 1j), PRIOR, Z),
+        "sensor must return real numbers",
+    ),
     "a parameter in words": (lambda: sigmax.get("UKF", alpha="abc"), "alpha of UKF must be a finite number"),
     "no noise": (lambda: sigmax.Model(motion=lambda x, dt: x, sensor=lambda x: x, Q=[1.0], R=[]), "R is empty"),
     "forms": (

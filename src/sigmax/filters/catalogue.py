@@ -174,6 +174,11 @@ def _composed(
     parameters = dict(given)
     folded = {known.casefold(): known for known in _ENTRIES}
     if str(name).casefold() not in folded:
+        head, colon, options = str(name).partition(":")
+        if colon and head.casefold() in folded:
+            raise InputError(
+                f"{name!r} is for the command line; here write get({head!r}, {options.replace(',', ', ')})"
+            )
         raise unknown("filter", name, _ENTRIES)
     found = folded[str(name).casefold()]
     entry = _ENTRIES[found]

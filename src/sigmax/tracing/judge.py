@@ -50,7 +50,7 @@ def plainly(function: Callable[..., Any], at: Sequence[Point]) -> list[np.ndarra
                 if any(isinstance(leaf, jax.Array) for leaf in held):
                     found.clear()
                     return 0
-                found.append(np.array(made, float))
+                found.append(np.array(_real(made), float))
             except Exception:
                 found.append(None)
         return 0
@@ -105,7 +105,12 @@ def numbers(traced: ClosedJaxpr, point: Point) -> list[np.ndarray]:
         if isinstance(error, Defect) and defects_raised():
             raise
         with jax.ensure_compile_time_eval():
-            return [np.asarray(a, float) for a in jax.jit(jaxpr_as_fun(traced))(*point)]
+            return [np.asarray(_real(a), float) for a in jax.jit(jaxpr_as_fun(traced))(*point)]
+
+
+def _real(a: Any) -> Any:
+    """Numbers as they are, complex ones without a warning: whoever calls the function refuses them."""
+    return np.real(a) if np.iscomplexobj(a) else a
 
 
 def _near(got: np.ndarray, want: np.ndarray, tolerance: float, beside: Any = 0.0) -> bool:
