@@ -25,7 +25,7 @@ from uwb import DATA, Run, hanyang, labyrinth
 def plaza(run: int) -> Examination:
     """The mower whose ranges are said to be right."""
     record = sigmax.records.load(f"plaza{run}")
-    filter, model, prior = record.told(sigmax.records.parse_trial("EKF:fixed=range_scale"))
+    filter, model, prior = record.of_trial(sigmax.records.parse_trial("EKF:fixed=range_scale"))
     prior = sigmax.Gaussian(np.asarray(prior.mean), np.asarray(prior.cov))
     assert record.inputs is not None
     return sigmax.doctor(

@@ -337,6 +337,8 @@ def test_a_sensor_says_how_it_corrects(tmp_path: Path) -> None:
         update_first=True,
     )
     np.testing.assert_array_equal(outcome.result.mean, by_hand.mean)
+    with pytest.warns(DeprecationWarning, match="of_trial"):
+        assert record.told(parse_trial("SRCKFB"))[0] == chosen
     assert record.of_trial(parse_trial("SRCKFB:update=once"))[0].update == sigmax.once
     with pytest.raises(sigmax.InputError, match=r"sensors\.mast\.update.*did you mean student"):
         load(str(write_rover(tmp_path, robust.replace("student(2)", "stundent"))))

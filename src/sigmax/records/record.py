@@ -1,5 +1,6 @@
 """A record: what was measured, the model for it, and what shall be tried on it."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -117,6 +118,11 @@ class Record:
         offsets = bias.prior
         known = Gaussian(offsets.mean, np.asarray(offsets.cov) * np.outer(kept[n:], kept[n:]))
         return chosen, self.model.with_bias_prior(known), prior
+
+    def told(self, trial: Trial) -> tuple[Filter, Model, Gaussian]:
+        """`of_trial`, by its name in version 0.1."""
+        warnings.warn("Record.told is Record.of_trial now", DeprecationWarning, stacklevel=2)
+        return self.of_trial(trial)
 
     @property
     def components(self) -> dict[str, Dimension]:
