@@ -13,6 +13,7 @@ import sigmax
 from sigmax.cli.app import app
 from sigmax.examination.alternatives import FACTORS, alternatives
 from sigmax.examination.envelope import Parameter, envelope
+from sigmax.examination.exchanged import of_exchanged
 from sigmax.examination.families import prior_of, view
 from sigmax.examination.search import Candidate
 from sigmax.examination.values import copies, flaw
@@ -486,3 +487,22 @@ def test_a_state_is_that_of_another_motion_where_both_know_it():
     # A sensor of the turn rate sees what a straight flight has not.
     gyro = sigmax.Model(motion=turn, Q=Q, sensor=lambda x: x[4:], R=[1e-6])
     assert view(gyro, straight) is None
+
+
+def test_sensors_and_places_that_were_exchanged():
+    model, prior, z = two_gauges(4)
+    found = sigmax.doctor(model, prior, {"near": z["far"], "far": z["near"]}).findings[0]
+    assert (found.kind, found.where) == ("swap", "near, far")
+    # Of places that stand in the rows each pair, and nothing that the motion reads.
+    drive, heard = sigmax.motions.unicycle(), sigmax.sensors.range_only()
+    model = sigmax.Model(
+        motion=lambda x, dt, u: drive.function(x, dt, u[:2]), state=drive.state, Q=[0.1] * 3,
+        sensor=lambda x, u: heard.function(x, u[2:]), R=[1.0],
+    )  # fmt: skip
+    u = np.column_stack([np.full(6, 2.0), [0, 1, 0, 1, 0, 1], [0, 5, 5, 0, 5, 0], [0, 0, 9, 0, 0, 0]])
+    row, none = np.zeros(1), np.zeros((6, 1), bool)
+    record = RecordData({"": np.ones((6, 1))}, np.ones(6), u, np.zeros(3), np.eye(3), row, none, row, np.ones(6))
+    some = [a for a in of_exchanged(envelope(model, (), 4, 4, (("", 1),)), record) if a.kind == "swap"]
+    assert len(some) == 3
+    (one,) = [a for a in some if "(0, 0) and (5, 0)" in a.cause]
+    np.testing.assert_array_equal(one.change(record).u[:, 2:], [[5, 0], [0, 0], [5, 9], [5, 0], [0, 0], [5, 0]])

@@ -4,18 +4,21 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from sigmax.examination.alternative import Alternative
 from sigmax.examination.axes import of_axes
-from sigmax.examination.begin import begun
 from sigmax.examination.envelope import Envelope, component_names, curved, input_names
+from sigmax.examination.exchanged import of_exchanged
 from sigmax.examination.variants import RecordData, shifted
 from sigmax.modelling.model import Model
 
 # What a reading costs that moves the prior, too.
 _WITH_START = 5.0
+# A start found so has its covariance times this: it stands where the first measurement after the prior was made.
+_WIDER = 100.0
 
 # What is mistaken for what: the factor that mends the values, as people know it, what they are in, what the model has.
 UNITS = {
@@ -41,6 +44,7 @@ _OF_LENGTH, _OF_SPEED = ("feet", "metres", "nautical miles"), ("knots", "m/s", "
 def alternatives(family: Envelope, record: RecordData, timed: bool) -> list[Alternative]:
     """All of a record; those of time where the motion depends on it."""
     found = [*_of_measurements(family, record), *_of_inputs(family), *of_axes(family)]
+    found += of_exchanged(family, record)
     if timed:
         for c, said in ((1e-3, "ms where the model has s"), (1 / 60, "s where the model has minutes"), (60.0, "min")):
             found.append(_time(c, f"times are in {said}"))
@@ -199,3 +203,36 @@ def _input(i: int, c: float) -> Callable[[RecordData], RecordData]:
         return replace(r, u=u)
 
     return change
+
+
+def begun(family: Envelope, sensor: str, record: RecordData) -> RecordData:
+    """The record with a prior near the old one from which a sensor would see its first whole measurement.
+
+    As many components move as the measurement tells of, by as few of their deviations as will do.
+    """
+    from scipy.optimize import least_squares
+
+    z = record.z[sensor]
+    whole = np.flatnonzero(np.isfinite(z).all(1))
+    spread = np.sqrt(np.diag(record.cov))
+    if not len(whole) or not spread.any():
+        return record
+    k = int(whole[0])
+    model = family.plain
+    u = (jnp.asarray(record.u[k]),) if model.sensor_inputs[sensor] else ()
+    seen = jax.jit(model.sensors[sensor])
+    space = model.measured_space(sensor, z.shape[1])
+    size = np.where(space.periodic, 1.0, 1.0 if not space.flat else np.maximum(np.abs(z[k]), 1e-9))
+
+    def miss(y: np.ndarray) -> np.ndarray:
+        there = np.asarray(seen(jnp.asarray(shifted(model, record.mean, spread * y)), *u))
+        return np.concatenate([space.difference(there, z[k]) / size, 1e-7 * y])
+
+    with np.errstate(all="ignore"):
+        start = miss(np.zeros(len(spread)))
+        if not np.isfinite(start).all():
+            return record
+        found = least_squares(miss, np.zeros(len(spread)), diff_step=np.full(len(spread), 1e-4), max_nfev=60)
+    if not np.isfinite(found.x).all():
+        return record
+    return replace(record, mean=shifted(model, record.mean, spread * found.x), cov=record.cov * _WIDER)
