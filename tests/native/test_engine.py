@@ -173,7 +173,7 @@ def test_each_track_may_have_its_own_prior_times_and_inputs():
 @pytest.mark.one_in(2)
 def test_smoothing_agrees(filter, name):
     made, z, u = record(name)
-    result = sigmax.run(filter, made.model, made.prior, z, dt=made.dt, inputs=u)
+    result = sigmax.run(filter, made.model, made.prior, z, dt=made.dt, inputs=u, backend="native")
     a, b = (
         sigmax.smooth(filter, made.model, result, dt=made.dt, inputs=u, backend=backend)
         for backend in ("native", "xla")
@@ -182,7 +182,7 @@ def test_smoothing_agrees(filter, name):
     usual = 64 * EPS * np.abs(b.mean).max() / b.std
     assert (np.abs(a.mean - b.mean) / b.std - usual).max() < 1e-9
     np.testing.assert_allclose(a.std, b.std, rtol=1e-7)
-    alone = sigmax.run(filter, made.model, made.prior, z[1], dt=made.dt, inputs=u)
+    alone = sigmax.run(filter, made.model, made.prior, z[1], dt=made.dt, inputs=u, backend="native")
     one = sigmax.smooth(filter, made.model, alone, dt=made.dt, inputs=u, backend="native")
     assert np.array_equal(one.mean, a.mean[1])
 

@@ -145,18 +145,20 @@ def without_deficit(line: Linearization, L: Matrix) -> tuple[Linearization, jax.
 def _iterated(filter: Filter, update: Update, observe: Observe, first: Observed, weighed: Weighed | None) -> Observed:
     """The line about the posterior of the line before, so many times; where it is guarded, the best one by its cost.
 
-    A Gauss–Newton step that does not lower |t|² + |L_r⁻¹ (z ⊟ ŷ)|² is halved from the best t so far.
+    A Gauss–Newton step that raises |t|² + |L_r⁻¹ (z ⊟ ŷ)|² by more than rounding is halved from the best t so far.
     """
     omega = filter.form.omega
     local = getattr(filter.correct, "local", False)
     best, t, cost = first, jnp.zeros_like(first.line.slope[0]), _misfit(first, weighed)
     step, better = t, jnp.ones(t.shape[1:], bool)
+    # The cost tells steps of less than the root of this no longer apart; where they end must not hang on its last bit.
+    rounding = 64 * float(np.finfo(t.dtype).eps)
     for _ in range(update.iterations):
         full, D = _posterior(best if weighed is None else _weighted(best, weighed, omega), local)
         step = jnp.where(better, full, (t + step) / 2)
         new = observe(step, D)
         new_cost = (step * step).sum(0) + _misfit(new, weighed)
-        better = new_cost < cost if update.guarded else jnp.ones_like(better)
+        better = new_cost <= (1 + rounding) * cost if update.guarded else jnp.ones_like(better)
         best, t, cost = jax.tree.map(
             lambda a, b, better=better: jnp.where(better, a, b), (new, step, new_cost), (best, t, cost)
         )
