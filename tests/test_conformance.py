@@ -219,6 +219,7 @@ def test_ours_keeps_all_laws(name, degree):
     assert broken(own(name, degree), LAWS) == []
 
 
+@pytest.mark.slow
 def test_the_command_says_what_it_measured():
     command = [sys.executable, "benchmarks/conformance.py", "sigmax.filterpy EKF", "linear", "--jobs", "1"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)

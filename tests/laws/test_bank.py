@@ -198,6 +198,7 @@ def test_it_runs_alike_however_it_is_run(backend):
     assert np.array_equal(live.cov, before[1])
 
 
+@pytest.mark.slow
 def test_engines_and_precisions_agree():
     filter, (_, z) = sigmax.bank("SREKFB", 5), ranges(20, 15)
     native, xla, single = (
@@ -385,7 +386,11 @@ def test_by_name_it_is_the_same():
             "a mode has one belief, and a bank several",
         ),
         (lambda: sigmax.run(sigmax.bank("EKF"), ranged(), PRIOR, np.ones((3, 1))).weight, "run one alone"),
-        (lambda: contribution(sigmax.Live(sigmax.bank("EKF"), ranged(), PRIOR), [1.0], ""), "take one"),
+        pytest.param(
+            lambda: contribution(sigmax.Live(sigmax.bank("EKF"), ranged(), PRIOR), [1.0], ""),
+            "take one",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_words(call, said):

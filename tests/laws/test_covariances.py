@@ -47,6 +47,7 @@ def test_filterpys_names_refuse_it_too():
         f.predict()
 
 
+@pytest.mark.slow
 def test_the_root_of_a_deficient_covariance_is_exact():
     """What is checked at a pivot of zero is what rounding cannot have left there."""
     rng = np.random.default_rng(8)

@@ -394,6 +394,7 @@ def test_a_bias_of_curved_parts_is_the_state_with_it(filter):
     assert np.abs((back.bias_mean - wanted.mean[..., 4:]) / want.std[..., 3:]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_domain_acts_on_points_and_deviations():
     """A domain that turns the whole state turns mean and covariance with it."""
     quarter = turn(np.array([0.0, 0.0, np.pi / 2]))

@@ -65,7 +65,7 @@ def test_every_form_is_the_covariance_form(name):
     "name",
     ["UKF", "SRCKF", "TSCIF", "CIF", "SRHCIF", "TSCKF", "TSEKF", "SRUKFB", "TSHCIF", "MTSCKF", "MTSCIF"],
 )
-@pytest.mark.one_in(4)
+@pytest.mark.one_in(6)
 def test_every_form_is_the_covariance_form_with_a_bias_and_two_sensors(name):
     filter = made(name)
     z = turning_record()

@@ -201,7 +201,7 @@ def test_two_stages_are_the_covariance_form_with_every_update(name, update):
 @pytest.mark.parametrize(
     "update", [pytest.param("iterated", marks=pytest.mark.slow), "student", "gate", "iterated huber"]
 )
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(3)
 def test_a_live_filter_and_a_batch_are_the_record(update):
     filter = sigmax.get("SRCKFB", update=UPDATES[update])
     _, z = drawn(RADAR, RADAR_R, 3, 5, seed=5, outliers=0.3)

@@ -166,6 +166,7 @@ def _refusing(folder, make):
     return made
 
 
+@pytest.mark.slow
 def test_processes_that_compile_at_once_do_not_disturb_each_other(tmp_path, right):
     code = PROGRAM.replace("SCALE", "0.1").replace("BACKEND", "'native'")
     environment = os.environ | {"SIGMAX_CACHE": str(tmp_path / "cache"), "JAX_PLATFORMS": "cpu"}

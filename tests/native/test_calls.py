@@ -150,6 +150,7 @@ def test_several_sensors_and_inputs_go_through_it_too(in_python):
     assert np.array_equal(found, made())
 
 
+@pytest.mark.slow
 def test_nothing_leaks(radar):
     tracker, z, dt = live(radar)
 

@@ -259,6 +259,7 @@ def test_a_changed_model_in_another_process_is_not_mistaken_for_the_former(tmp_p
     assert changed != pytest.approx(first, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_damaged_source_in_the_cache_is_made_again(tmp_path):
     value, _ = filtered(tmp_path, backend="native")
     for path in (tmp_path / "cache").rglob("*.c"):

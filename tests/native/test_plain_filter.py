@@ -63,7 +63,7 @@ def compared(cases: list[tuple[int, str]]) -> None:
 
 @pytest.mark.filterwarnings("ignore")
 def test_filters_of_random_functions_are_those_of_a_textbook():
-    compared([(seed, FILTERS[seed % 4]) for seed in range(3)])
+    compared([(seed, FILTERS[seed % 4]) for seed in range(2)])
 
 
 @pytest.mark.slow

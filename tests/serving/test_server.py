@@ -300,6 +300,7 @@ def test_a_thousand_connections_and_hostile_lines_change_no_track(tmp_path):
     assert last == json.loads(service.latest)
 
 
+@pytest.mark.slow
 def test_it_ends_when_the_work_fails_and_lines_wait(tmp_path):
     """Nobody takes the lines of standard input any more: their end is not waited for."""
     code = """

@@ -62,6 +62,7 @@ def agree(comparison, reading, times):
             assert (np.abs(value - theirs) < 4 * both + THEIR_DIGITS * theirs).all(), (reading, name, t, value, theirs)
 
 
+@pytest.mark.slow
 def test_the_transient_of_the_radar_study_is_reproduced():
     (study,) = load_studies("sobolev-rmse", {"steps": "50"})
     c = sigmax.compare(study, ["EKF", "SRCKFB", "SRECKFB", "SREUKFB"], runs=512)
