@@ -30,13 +30,13 @@ lint: $(VENV)/ready-test
 	$(BIN)/mypy
 
 test: lint
-	$(BIN)/pytest -m "not slow" -n $(WORKERS)
+	$(BIN)/pytest -m "not slow" -n $(WORKERS) --dist worksteal
 	$(BIN)/mkdocs build --strict --quiet --site-dir build/site
 
 # As a whole, or a part of it: make slow SLOW=tests/studies
 SLOW ?= tests
 slow: $(VENV)/ready-test
-	$(BIN)/pytest -m slow -n $(WORKERS) $(SLOW)
+	$(BIN)/pytest -m slow -n $(WORKERS) --dist worksteal $(SLOW)
 
 docs: $(VENV)/ready-test
 	$(BIN)/mkdocs serve
