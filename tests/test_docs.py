@@ -21,6 +21,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,9 @@ COMPARED = {"make": check_make, "pip": check_pip}
 def shell(command: str, directory: Path, where: str, here: bool = False) -> None:
     first, *arguments = shlex.split(command)
     if here and first == "sigmax" and not set(command) & set("|;&<>$`*"):
-        done = CliRunner().invoke(app, arguments)
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")  # as in a shell
+            done = CliRunner().invoke(app, arguments)
         assert done.exit_code == 0, (
             f"{where}: `{command}` ended with {done.exit_code}:\n{done.output}\n{done.exception}"
         )
