@@ -2,6 +2,7 @@
 
 from rich.console import Console
 from rich.markup import escape
+from rich.padding import Padding
 from rich.table import Table
 
 from sigmax.papers import PAPERS, rows
@@ -24,13 +25,12 @@ def print_paper(name: str) -> None:
     Raises:
         InputError: for a paper that is not known.
     """
+    console = Console(highlight=False)
     found = rows(name)
-    table = Table(pad_edge=False, header_style="bold", show_lines=True, title=PAPERS[name.casefold()])
-    table.add_column("row of the paper", ratio=3)
-    table.add_column("command or call", ratio=3, overflow="fold")
-    table.add_column("verdict, with our figure", ratio=4)
+    console.print(PAPERS[name.casefold()], style="bold")
     for row in found:
-        table.add_row(
-            escape(row.row), escape("\n".join(row.commands) or row.how), escape(row.verdict.replace("**", ""))
-        )
-    Console().print(table, highlight=False)
+        console.print(f"\n{escape(row.row)}", style="bold")
+        # In lines of their own, however long: they are there to be copied.
+        for line in row.commands or [row.how]:
+            console.print(f"  {escape(line)}", style="cyan", soft_wrap=True)
+        console.print(Padding(escape(row.verdict.replace("**", "").replace("`", "")), (0, 0, 0, 2)))
