@@ -66,6 +66,14 @@ def scored(nis: np.ndarray, dof: int = 1) -> Score:
     return Score("a", "a", mean_nis=mean, expected_nis=float(dof), nis_bounds=bounds, **count, **found)
 
 
+@pytest.mark.parametrize("nis", [0.0, 1e-300, 1e-30])
+def test_measurements_that_are_expected_exactly_tell_nothing_of_tails_and_stretches(nis):
+    found = misses(np.ones((1, 50), bool), np.full((1, 50), nis), np.ones((1, 50), int))
+    assert not found["beyond"]
+    assert not found["heavy"]
+    assert found["stretches"] is None
+
+
 @pytest.mark.parametrize("dof", [1, 2, 3])
 def test_a_verdict_on_a_record_is_not_turned_into_its_opposite_by_more_of_it(dof: int) -> None:
     """Draws of known size: graded by their beginning, and by more and more of them."""
