@@ -154,7 +154,7 @@ def misses(real: np.ndarray, nis: np.ndarray, dof: np.ndarray, refused: np.ndarr
     return {
         "nis_ratio": ratio_bounds(float(nis.sum()), float(dof.sum()), 0.005),
         "beyond": beyond,
-        "kurtosis": float(3 * (nis**2).mean() / (dof * (dof + 2)).mean() / ratio**2) if ratio > 0 else None,
+        "kurtosis": float(3 * ((nis / ratio) ** 2).mean() / (dof * (dof + 2)).mean()) if ratio > 0 else None,
         "heavy": bool(often > _OFTEN or narrow),
         "stretches": together if together - 3.3 / np.sqrt(N) > _TOGETHER else None,
     }
