@@ -13,11 +13,11 @@ import sigmax
 from sigmax.cli.app import app
 from sigmax.examination.alternatives import FACTORS, alternatives
 from sigmax.examination.envelope import Parameter, envelope
+from sigmax.examination.envelope_runs import RecordData
 from sigmax.examination.exchanged import of_exchanged
 from sigmax.examination.families import prior_of, view
 from sigmax.examination.search import Candidate
 from sigmax.examination.values import copies, flaw
-from sigmax.examination.variants import RecordData
 from sigmax.examination.words import in_words
 from tests.own_records import RADAR
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sigmax.examination.variants import RecordData
+from sigmax.examination.envelope_runs import RecordData
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from sigmax.examination.alternative import Alternative
 from sigmax.examination.envelope import Envelope, component_names, input_names
-from sigmax.examination.variants import RecordData
+from sigmax.examination.envelope_runs import RecordData
 from sigmax.spaces import Direction, Rotation
 
 Change = Callable[[RecordData], RecordData]

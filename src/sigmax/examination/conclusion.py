@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sigmax.examination.envelope_runs import Innovations, RecordData, Variant
 from sigmax.examination.gauss_newton import Start
 from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import Candidate, Setup, nis_per_value, normalised
-from sigmax.examination.variants import Innovations, RecordData, Variant
 
 # Four times the R widens what is told by more than this; what is not told is at the end about as wide as at the start.
 _SAME, _AS_WIDE = 1.01, 0.9

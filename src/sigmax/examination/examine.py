@@ -9,13 +9,13 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.examination.envelope import component_names, curved, envelope, parameters_of
+from sigmax.examination.envelope_runs import RecordData, Runner, Variant
+from sigmax.examination.forward_selection import ForwardSelection
 from sigmax.examination.gauss_newton import Climber
 from sigmax.examination.hypotheses import axes_of, groups_of, hypotheses, moved, natural_steps, noise_at
 from sigmax.examination.linearisations import judging
 from sigmax.examination.report import Examination, Finding
-from sigmax.examination.rounds import Rounds
 from sigmax.examination.search import Setup
-from sigmax.examination.variants import RecordData, Runner, Variant
 from sigmax.filters import Bank, Filter
 from sigmax.modelling.gaussian import Gaussian
 from sigmax.modelling.model import Model
@@ -76,7 +76,7 @@ def doctor(
     record, setup = _laid_out(ready, update_first)
     values = sum(int(np.isfinite(v).sum()) for v in record.z.values())
     first = setup.runner([Variant(np.zeros(len(setup.climber.steps)), record)])
-    rounds = Rounds(setup, record, first, progress or (lambda said: None))
+    rounds = ForwardSelection(setup, record, first, progress or (lambda said: None))
     findings: tuple[Finding, ...] = ()
     undetermined: tuple[str, ...] = ()
     if values < _FEWEST + record.mean.size:

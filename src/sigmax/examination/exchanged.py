@@ -9,7 +9,7 @@ import numpy as np
 
 from sigmax.examination.alternative import Alternative
 from sigmax.examination.envelope import Envelope, component_names, input_names
-from sigmax.examination.variants import RecordData
+from sigmax.examination.envelope_runs import RecordData
 
 # So many places may be given in the rows.
 _PLACES = 12

@@ -10,9 +10,9 @@ import numpy as np
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
+from sigmax.examination.envelope_runs import RecordData, Variant, log_likelihood
 from sigmax.examination.gauss_newton import Start
 from sigmax.examination.search import Candidate, Setup
-from sigmax.examination.variants import RecordData, Variant, log_likelihood
 from sigmax.fitting import fit
 from sigmax.modelling.gaussian import Gaussian
 from sigmax.modelling.model import Model

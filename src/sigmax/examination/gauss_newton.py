@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sigmax.examination.envelope_runs import RecordData, Runner, Variant, log_likelihood
 from sigmax.examination.scores import scores
-from sigmax.examination.variants import RecordData, Runner, Variant, log_likelihood
 
 _FORWARD = 1e-3
 # A climb ends where the next step promises less than this, where one gained but little (the next, of Newton's, would

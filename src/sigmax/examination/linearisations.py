@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sigmax.examination.envelope_runs import RecordData, Runner, Variant, log_likelihood
 from sigmax.examination.search import Candidate, Setup, masked, nis_per_value
-from sigmax.examination.variants import RecordData, Runner, Variant, log_likelihood
 from sigmax.filters import Filter, Update, get, once
 from sigmax.modelling.model import Model
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sigmax.examination.alternative import Alternative
+from sigmax.examination.envelope_runs import Innovations, RecordData, Variant, log_likelihood
 from sigmax.examination.search import Setup, normalised
-from sigmax.examination.variants import Innovations, RecordData, Variant, log_likelihood
 
 # Q times one of these, the first looked for, at most so many times, in one row or so many rows to both sides of it.
 _FACTORS, _MOST, _AROUND = (100.0, 30.0, 1000.0, 10000.0), 6, 4

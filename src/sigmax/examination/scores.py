@@ -3,7 +3,7 @@
 import numpy as np
 
 from sigmax.algebra.arrays import wrapped
-from sigmax.examination.variants import Innovations, cut
+from sigmax.examination.envelope_runs import Innovations, cut
 
 
 def scores(

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sigmax.examination.alternative import Alternative
+from sigmax.examination.envelope_runs import Innovations, RecordData, Runner, Variant, log_likelihood
 from sigmax.examination.gauss_newton import Climber, Start
 from sigmax.examination.hypotheses import LIMITS, Hypothesis
 from sigmax.examination.shape import tails
-from sigmax.examination.variants import Innovations, RecordData, Runner, Variant, log_likelihood
 
 # Values farther off than so many robust deviations are left out: in how many rounds, and how large a share at most.
 _FAR, _ROUNDS, _MOST = 4.5, 4, 0.3

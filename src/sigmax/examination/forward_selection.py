@@ -1,4 +1,4 @@
-"""Rounds of an examination: the likeliest cause is accepted, and the next is looked for from there."""
+"""Forward selection of causes: the likeliest is accepted, and the next is looked for from there."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -9,6 +9,7 @@ import numpy as np
 from sigmax.examination.alternatives import alternatives, with_starts
 from sigmax.examination.conclusion import correlated, evidence, needed, unobserved
 from sigmax.examination.envelope import curved
+from sigmax.examination.envelope_runs import Innovations, RecordData, Variant, log_likelihood
 from sigmax.examination.families import other_families
 from sigmax.examination.linearisations import crude, other_linearisations, with_filter
 from sigmax.examination.manoeuvres import manoeuvres
@@ -24,7 +25,6 @@ from sigmax.examination.search import (
     stretch,
 )  # fmt: skip
 from sigmax.examination.values import copies, flaw
-from sigmax.examination.variants import Innovations, RecordData, Variant, log_likelihood
 from sigmax.examination.words import factor_of, in_words
 
 _ROUNDS, _ALPHA, _TIE = 4, 0.003, 3.0
@@ -48,7 +48,7 @@ class Accepted(NamedTuple):
     nis: tuple[float, float]
 
 
-class Rounds:
+class ForwardSelection:
     """One examination as it goes on."""
 
     def __init__(self, setup: Setup, record: RecordData, first: Innovations, say: Callable[[str], Any]) -> None:
