@@ -95,6 +95,7 @@ def _slopes(function: Callable[..., Any], count: int, moving: bool, n: int, k: i
         return jax.jacfwd(lambda at: jnp.ravel(jnp.asarray(function(at, *rest))))(x)
 
     over_states = jax.vmap(slope, in_axes=(0, None, None))
-    # Numbers are known here even while something else is being traced.
+    # Numbers are known here even while something else is being traced. Compiled as a whole: operation by operation it
+    # takes twenty times as long.
     with jax.ensure_compile_time_eval():
-        return np.asarray(jax.vmap(over_states)(jnp.asarray(x), jnp.asarray(dt), jnp.asarray(u)))
+        return np.asarray(jax.jit(jax.vmap(over_states))(x, dt, u))
