@@ -13,9 +13,9 @@ import sigmax
 from sigmax.cli.app import app
 from sigmax.examination.alternatives import FACTORS, alternatives
 from sigmax.examination.envelope import Parameter, envelope
-from sigmax.examination.envelope_runs import RecordData
 from sigmax.examination.exchanged import of_exchanged
 from sigmax.examination.families import prior_of, view
+from sigmax.examination.record_data import RecordData
 from sigmax.examination.search import Candidate
 from sigmax.examination.values import copies, flaw
 from sigmax.examination.words import in_words

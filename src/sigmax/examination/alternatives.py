@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.examination.alternative import Alternative
 from sigmax.examination.axes import of_axes
 from sigmax.examination.envelope import Envelope, component_names, curved, input_names
-from sigmax.examination.envelope_runs import RecordData, shifted
+from sigmax.examination.envelope_runs import shifted
 from sigmax.examination.exchanged import of_exchanged
+from sigmax.examination.record_data import Alternative, RecordData
 from sigmax.modelling.model import Model
 
 # What a reading costs that moves the prior, too.

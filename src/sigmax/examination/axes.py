@@ -6,9 +6,8 @@ from itertools import permutations, product
 
 import numpy as np
 
-from sigmax.examination.alternative import Alternative
 from sigmax.examination.envelope import Envelope, component_names, input_names
-from sigmax.examination.envelope_runs import RecordData
+from sigmax.examination.record_data import Alternative, RecordData
 from sigmax.spaces import Direction, Rotation
 
 Change = Callable[[RecordData], RecordData]

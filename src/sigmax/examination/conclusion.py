@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sigmax.examination.envelope_runs import Innovations, RecordData, Variant
+from sigmax.examination.envelope_runs import Innovations, Variant
 from sigmax.examination.gauss_newton import Start
+from sigmax.examination.record_data import RecordData
 from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import Candidate, Setup, nis_per_value, normalised
 

@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from sigmax.engine import native_engine, xla_engine
 from sigmax.engine.backend import attempt
 from sigmax.examination.envelope import Envelope
+from sigmax.examination.record_data import RecordData
 from sigmax.filters import Filter
 from sigmax.modelling.gaussian import Gaussian
 from sigmax.modelling.model import Model
@@ -19,46 +19,6 @@ from sigmax.results.result import Result
 # Numbers of inputs that one batch may hold, 8 bytes each.
 _MOST = 4e7
 _KEPT = frozenset({"fault", "innovation"})
-
-
-@dataclass(frozen=True)
-class RecordData:
-    """A record and its prior, which a hypothesis may change.
-
-    Attributes:
-        z: by sensor (T, m), NaN where missing.
-        dt: (T,).
-        u: (T, K), inputs of the model and R by row; K may be 0.
-        mean: of the prior (n,).
-        cov: of the prior (n, n).
-        extra: variances added to R, (M,) over the deviations of all sensors.
-        out: values that are left out (T, M): their R grows by `huge` (M,), so that their innovations stay known.
-        huge: see there.
-        q_factor: of Q in each step (T,).
-    """
-
-    z: dict[str, np.ndarray]
-    dt: np.ndarray
-    u: np.ndarray
-    mean: np.ndarray
-    cov: np.ndarray
-    extra: np.ndarray
-    out: np.ndarray
-    huge: np.ndarray
-    q_factor: np.ndarray
-
-    def first(self, rows: int) -> "RecordData":
-        """The first rows."""
-        if rows >= len(self.dt):
-            return self
-        cut = {name: getattr(self, name)[:rows] for name in ("dt", "u", "out", "q_factor")}
-        return replace(self, z={s: v[:rows] for s, v in self.z.items()}, **cut)
-
-    def with_values(self, sensor: str, j: int, values: np.ndarray) -> "RecordData":
-        """Another series of one component."""
-        own = self.z[sensor].copy()
-        own[:, j] = values
-        return replace(self, z=self.z | {sensor: own})
 
 
 class Variant(NamedTuple):

@@ -9,11 +9,12 @@ import numpy as np
 
 from sigmax.errors import InputError
 from sigmax.examination.envelope import component_names, curved, envelope, parameters_of
-from sigmax.examination.envelope_runs import RecordData, Runner, Variant
+from sigmax.examination.envelope_runs import Runner, Variant
 from sigmax.examination.forward_selection import ForwardSelection
 from sigmax.examination.gauss_newton import Climber
 from sigmax.examination.hypotheses import axes_of, groups_of, hypotheses, moved, natural_steps, noise_at
 from sigmax.examination.linearisations import judging
+from sigmax.examination.record_data import RecordData
 from sigmax.examination.report import Examination, Finding
 from sigmax.examination.search import Setup
 from sigmax.filters import Bank, Filter
@@ -123,8 +124,7 @@ def _laid_out(ready: Prepared, update_first: bool) -> tuple[RecordData, Setup]:
         huge=np.zeros(M),
         q_factor=np.ones(T),
     )
-    positive = record.dt[record.dt > 0]
-    dt = float(np.median(positive)) if positive.size else 1.0
+    dt = record.interval
     Q, R = noise_at(model, record, dt)
     moves = model.space.difference(moved(model, record, 0.0), record.mean)
     at_rest = np.allclose(moves, 0.0, atol=1e-9 * max(1.0, float(np.abs(record.mean).max())))

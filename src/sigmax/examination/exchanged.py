@@ -7,9 +7,8 @@ from itertools import combinations
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.examination.alternative import Alternative
 from sigmax.examination.envelope import Envelope, component_names, input_names
-from sigmax.examination.envelope_runs import RecordData
+from sigmax.examination.record_data import Alternative, RecordData
 
 # So many places may be given in the rows.
 _PLACES = 12

@@ -10,12 +10,15 @@ import numpy as np
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.errors import InputError
-from sigmax.examination.envelope_runs import RecordData, Variant, log_likelihood
+from sigmax.examination.envelope_runs import Variant, log_likelihood
 from sigmax.examination.gauss_newton import Start
+from sigmax.examination.hypotheses import noise_at
+from sigmax.examination.record_data import RecordData
 from sigmax.examination.search import Candidate, Setup
 from sigmax.fitting import fit
 from sigmax.modelling.gaussian import Gaussian
 from sigmax.modelling.model import Model
+from sigmax.modelling.noise import sensor_of
 from sigmax.modelling.parts import Motion
 from sigmax.models import motions
 from sigmax.running import run
@@ -44,18 +47,13 @@ def other_families(setup: Setup, record: RecordData, best: Candidate) -> list[Ca
     axes = _axes(model)
     if not axes:
         return []
-    heard = np.split(record.out, np.cumsum([z.shape[1] for z in record.z.values()])[:-1], axis=1)
-    z = {s: np.where(out, np.nan, v) for (s, v), out in zip(record.z.items(), heard, strict=True)}
+    z = {
+        s: np.where(out, np.nan, v) for (s, v), out in zip(record.z.items(), record.by_sensor(record.out), strict=True)
+    }
     clean = replace(record, z=z, out=np.zeros_like(record.out))
     later, whole = _own(setup, clean)
     found = [c for one in _families(model, record, axes) if (c := _tried(setup, clean, one, (later, whole)))]
     return [c for c in found if c.gain > best.gain + _MORE]
-
-
-def _interval(record: RecordData) -> float:
-    """The median interval."""
-    positive = record.dt[record.dt > 0]
-    return float(np.median(positive)) if positive.size else 1.0
 
 
 def _axes(model: Model) -> tuple[str, ...]:
@@ -78,7 +76,7 @@ def _axes(model: Model) -> tuple[str, ...]:
 
 def _families(model: Model, record: RecordData, axes: tuple[str, ...]) -> Iterator[_Family]:
     """All that are not the model's own, by what they do to its state."""
-    dt = _interval(record)
+    dt = record.interval
     q = max(_speed_noise(model, record, dt), 1e-12)
     tau = float(f"{_TAU * dt:.3g}")
     own = [str(name) for name in model.state]
@@ -103,8 +101,6 @@ def _moves_alike(model: Model, motion: Motion, record: RecordData, dt: float) ->
 
 def _speed_noise(model: Model, record: RecordData, dt: float) -> float:
     """How much variance a second adds to a velocity, about."""
-    from sigmax.examination.hypotheses import noise_at
-
     Q, _ = noise_at(model, record, dt)
     return float(max(Q[i, i] for i, name in enumerate(model.state) if name == "speed" or str(name)[0] == "v") / dt)
 
@@ -125,13 +121,13 @@ def _tried(setup: Setup, record: RecordData, one: _Family, own: tuple[float, flo
     there = view(model, one.motion)
     if there is None:
         return None
-    prior = prior_of(model, one.motion, Gaussian(record.mean, record.cov), _interval(record))
+    prior = prior_of(model, one.motion, Gaussian(record.mean, record.cov), record.interval)
 
     def seen(s: str) -> Callable[..., Any]:
         h = model.sensors[s]
-        return (lambda x, u: h(there(x), u)) if model.sensor_inputs[s] else (lambda x: h(there(x)))
+        return sensor_of(lambda x, *u: h(there(x), *u), bool(model.sensor_inputs[s]))
 
-    extra = np.split(record.extra, np.cumsum([z.shape[1] for z in record.z.values()])[:-1])
+    extra = record.by_sensor(record.extra)
     parts: tuple[dict[str, Any], ...] = (
         {s: seen(s) for s in model.sensors},
         {s: _more(model.R[s], more) for s, more in zip(model.R, extra, strict=True)},

@@ -9,10 +9,11 @@ import numpy as np
 from sigmax.examination.alternatives import alternatives, with_starts
 from sigmax.examination.conclusion import correlated, evidence, needed, unobserved
 from sigmax.examination.envelope import curved
-from sigmax.examination.envelope_runs import Innovations, RecordData, Variant, log_likelihood
+from sigmax.examination.envelope_runs import Innovations, Variant, log_likelihood
 from sigmax.examination.families import other_families
 from sigmax.examination.linearisations import crude, other_linearisations, with_filter
 from sigmax.examination.manoeuvres import manoeuvres
+from sigmax.examination.record_data import RecordData
 from sigmax.examination.report import Evidence, Finding
 from sigmax.examination.search import (
     Candidate,

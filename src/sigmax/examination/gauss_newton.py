@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sigmax.examination.envelope_runs import RecordData, Runner, Variant, log_likelihood
+from sigmax.examination.envelope_runs import Runner, Variant, log_likelihood
+from sigmax.examination.record_data import RecordData
 from sigmax.examination.scores import scores
 
 _FORWARD = 1e-3

@@ -9,7 +9,7 @@ import numpy as np
 
 from sigmax.algebra.factor import Diagonal
 from sigmax.examination.envelope import Envelope, Parameter
-from sigmax.examination.envelope_runs import RecordData
+from sigmax.examination.record_data import RecordData
 from sigmax.modelling.model import Model
 from sigmax.modelling.noise import OF_MOTION, OF_SENSOR, arguments_of
 

@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmax.examination.envelope_runs import RecordData, Runner, Variant, log_likelihood
+from sigmax.examination.envelope_runs import Runner, Variant, log_likelihood
+from sigmax.examination.record_data import RecordData
 from sigmax.examination.search import Candidate, Setup, masked, nis_per_value
 from sigmax.filters import Filter, Update, get, once
 from sigmax.modelling.model import Model

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sigmax.examination.alternative import Alternative
-from sigmax.examination.envelope_runs import Innovations, RecordData, Variant, log_likelihood
+from sigmax.examination.envelope_runs import Innovations, Variant, log_likelihood
+from sigmax.examination.record_data import Alternative, RecordData
 from sigmax.examination.search import Setup, normalised
 
 # Q times one of these, the first looked for, at most so many times, in one row or so many rows to both sides of it.

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sigmax.examination.alternative import Alternative
-from sigmax.examination.envelope_runs import Innovations, RecordData, Runner, Variant, log_likelihood
+from sigmax.examination.envelope_runs import Innovations, Runner, Variant, log_likelihood
 from sigmax.examination.gauss_newton import Climber, Start
 from sigmax.examination.hypotheses import LIMITS, Hypothesis
+from sigmax.examination.record_data import Alternative, RecordData
 from sigmax.examination.shape import tails
 
 # Values farther off than so many robust deviations are left out: in how many rounds, and how large a share at most.
